@@ -1,0 +1,124 @@
+"""The clip: one recorded performance of one person, as joint positions over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from actioncli.errors import ClipError
+
+FloatArray = NDArray[np.float32]
+
+# Positions beyond this distance (metres) are not a person near a sensor but a wrong unit.
+LARGEST_COORDINATE = 1e4
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Clip:
+    """Joints of one person over time; immutable and checked on construction.
+
+    Coordinates are right-handed metres, y up, z away from the sensor; a person who faces
+    the sensor has the left side at smaller x.
+
+    Attributes:
+        joints: (T, J, 3) float32, read-only, finite.
+        joint_names: J names, unique; see `actioncli.clips.layouts` for the ones understood.
+        fps: frames per second, > 0.
+        confidence: (T, J) float32 in [0, 1], read-only, or None where the source has none.
+        source: where the clip came from, for people to read (a file name, a camera).
+        notes: what reading decided on the way (person chosen, gaps filled), for people.
+    """
+
+    joints: FloatArray
+    joint_names: tuple[str, ...]
+    fps: float
+    confidence: FloatArray | None
+    source: str
+    notes: tuple[str, ...] = field(default=())
+
+    def __init__(
+        self,
+        joints: ArrayLike,
+        joint_names: Sequence[str],
+        fps: float = 30.0,
+        confidence: ArrayLike | None = None,
+        source: str = "",
+        notes: Sequence[str] = (),
+    ) -> None:
+        """Check and freeze.
+
+        Raises:
+            ClipError: wrong shape, not finite, names that do not fit, fewer than two
+                distinct frames, or a frame rate that is no positive number.
+        """
+        where = f"{source}: " if source else ""
+        names = tuple(str(name) for name in joint_names)
+        positions = _frozen(joints, f"{where}joints")
+        if positions.ndim != 3 or positions.shape[2] != 3:
+            raise ClipError(f"{where}joints must be (frames, joints, 3), not {positions.shape}.")
+        if positions.shape[1] != len(names):
+            raise ClipError(f"{where}{positions.shape[1]} joints but {len(names)} joint names.")
+        if len(set(names)) != len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise ClipError(f"{where}joint names appear twice: {', '.join(twice)}.")
+        if not np.isfinite(positions).all():
+            raise ClipError(
+                f"{where}joints hold NaN or infinity; fill gaps first "
+                "(actioncli.read_clip does for files)."
+            )
+        if positions.size and np.abs(positions).max() > LARGEST_COORDINATE:
+            raise ClipError(
+                f"{where}coordinates reach {np.abs(positions).max():.3g} m; "
+                "joints must be in metres."
+            )
+        # Two equal consecutive frames everywhere mean a still picture: no motion to compare.
+        if len(positions) < 2 or not np.any(positions[1:] != positions[:1]):
+            raise ClipError(
+                f"{where}a clip needs at least 2 distinct frames, this has "
+                f"{min(len(positions), 1)}; record the action as a moving sequence."
+            )
+        if not (np.isfinite(fps) and fps > 0):
+            raise ClipError(f"{where}fps must be a positive number, not {fps!r}.")
+        if confidence is not None:
+            weights = _frozen(confidence, f"{where}confidence")
+            if weights.shape != positions.shape[:2]:
+                raise ClipError(
+                    f"{where}confidence must be (frames, joints) = {positions.shape[:2]}, "
+                    f"not {weights.shape}."
+                )
+            if not ((weights >= 0) & (weights <= 1)).all():
+                raise ClipError(f"{where}confidence must lie in [0, 1].")
+            object.__setattr__(self, "confidence", weights)
+        else:
+            object.__setattr__(self, "confidence", None)
+        object.__setattr__(self, "joints", positions)
+        object.__setattr__(self, "joint_names", names)
+        object.__setattr__(self, "fps", float(fps))
+        object.__setattr__(self, "source", str(source))
+        object.__setattr__(self, "notes", tuple(notes))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first frame to the last."""
+        return (len(self.joints) - 1) / self.fps
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def __repr__(self) -> str:
+        frames, joints, _ = self.joints.shape
+        return f"Clip({frames} frames, {joints} joints, {self.fps:g} fps, {self.source!r})"
+
+
+def _frozen(values: ArrayLike, what: str) -> FloatArray:
+    """Copy as float32 and forbid writing, so that no one can change a checked clip."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            array = np.array(values, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise ClipError(f"{what} must be an array of numbers: {error}.") from error
+    array.setflags(write=False)
+    return array
