@@ -8,6 +8,7 @@ for all of them: the midpoint of the hips and the midpoint of the shoulders.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -130,10 +131,8 @@ def select_joints(
     Raises:
         ClipError: a wanted joint is neither named nor can be derived.
     """
-    columns = default_columns(names)
-    exact = {_key(name): (column,) for column, name in enumerate(names)}
-    picked = [columns.get(name) or exact.get(_key(name)) for name in wanted]
-    missing = [name for name, column in zip(wanted, picked, strict=True) if column is None]
+    columns = _columns_of(tuple(names), tuple(wanted))
+    missing = [name for name, column in zip(wanted, columns, strict=True) if not column]
     if missing:
         where = f"{source}: " if source else ""
         raise ClipError(
@@ -141,6 +140,12 @@ def select_joints(
             f"{', '.join(names)}. If the file names its joints wrongly, give --layout "
             f"({', '.join(LAYOUTS)})."
         )
-    return np.stack(
-        [joints[:, list(column), :].mean(axis=1) for column in picked if column], axis=1
-    ).astype(np.float32, copy=False)
+    return np.stack([joints[:, list(column), :].mean(axis=1) for column in columns], axis=1)
+
+
+@lru_cache(maxsize=64)
+def _columns_of(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[tuple[int, ...], ...]:
+    """Columns whose mean is each wanted joint; empty where the names cannot give it."""
+    derived = default_columns(names)
+    by_name: dict[str, tuple[int, ...]] = {_key(name): (at,) for at, name in enumerate(names)}
+    return tuple(derived.get(name) or by_name.get(_key(name), ()) for name in wanted)

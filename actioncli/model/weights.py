@@ -1,0 +1,135 @@
+"""Weights on disk: safetensors whose header says what they are and how they came about."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from actioncli.clips.clip import FloatArray
+from actioncli.errors import WeightsError
+from actioncli.model.config import ModelConfig
+from actioncli.model.trx_os import parameter_shapes
+from actioncli.weights_path import weights_file
+
+FORMAT = "actioncli-weights"
+FORMAT_VERSION = "1"
+DEFAULT_WEIGHTS = "trx_os.safetensors"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weights:
+    """A trained model.
+
+    Attributes:
+        config: how to prepare clips and which tensors there are.
+        tensors: float32 arrays by name, see `trx_os.parameter_shapes`.
+        metadata: recipe, seed, steps, figures, sources, as plain JSON values.
+        checksum: SHA-256 over configuration and tensors, hexadecimal; embeddings of one
+            checksum are not comparable with those of another.
+        path: the file they were read from.
+    """
+
+    config: ModelConfig
+    tensors: Mapping[str, FloatArray]
+    metadata: Mapping[str, Any]
+    checksum: str
+    path: Path
+
+
+def write_weights(
+    path: Path,
+    config: ModelConfig,
+    tensors: Mapping[str, np.ndarray[Any, Any]],
+    metadata: Mapping[str, Any],
+) -> str:
+    """Write weights so that a crash leaves the old file or the new one, never half of one.
+
+    Args:
+        tensors: as `parameter_shapes(config)` names them; stored in the type they have.
+        metadata: JSON values under any name but those of the header itself.
+
+    Returns:
+        The checksum.
+
+    Raises:
+        WeightsError: the file cannot be written.
+    """
+    from safetensors.numpy import save
+
+    stored = {name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()}
+    checksum = _checksum(config, stored)
+    header = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "config": config.to_json(),
+        "checksum": checksum,
+        "metadata": json.dumps(dict(metadata), sort_keys=True),
+    }
+    part = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(save(stored, metadata=header))
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise WeightsError(f"{path}: cannot write weights: {error.strerror}.") from error
+    return checksum
+
+
+def read_weights(path: str | Path | None = None) -> Weights:
+    """Read and check weights; without a path those that came with the package.
+
+    Raises:
+        WeightsError: missing, damaged, not weights of actioncli, or of another format version.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    file = Path(path) if path is not None else weights_file(DEFAULT_WEIGHTS)
+    try:
+        with safe_open(file, framework="np") as opened:
+            header = opened.metadata() or {}
+            stored = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
+    except FileNotFoundError as error:
+        raise WeightsError(f"{file}: no such weights file.") from error
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
+        raise WeightsError(
+            f"{file}: cannot read weights ({error}); the file is damaged or no safetensors "
+            "file. Install actioncli again, or train again."
+        ) from error
+    if header.get("format") != FORMAT:
+        raise WeightsError(f"{file}: safetensors, but not weights of actioncli.")
+    if header.get("format_version") != FORMAT_VERSION:
+        raise WeightsError(
+            f"{file}: weights of format version {header.get('format_version')}, this "
+            f"actioncli reads version {FORMAT_VERSION}; update actioncli or train again."
+        )
+    try:
+        config = ModelConfig.from_json(header["config"])
+        metadata = json.loads(header["metadata"])
+        checksum = header["checksum"]
+    except (KeyError, ValueError) as error:
+        raise WeightsError(f"{file}: the header is damaged ({error}).") from error
+    except WeightsError as error:
+        raise WeightsError(f"{file}: {error}") from error
+    shapes = {name: tensor.shape for name, tensor in stored.items()}
+    if shapes != parameter_shapes(config):
+        raise WeightsError(f"{file}: tensors do not fit the configuration in the header.")
+    if checksum != _checksum(config, stored):
+        raise WeightsError(f"{file}: damaged, the checksum does not match the content.")
+    tensors = {name: tensor.astype(np.float32, copy=False) for name, tensor in stored.items()}
+    return Weights(config, tensors, metadata, checksum, file)
+
+
+def _checksum(config: ModelConfig, tensors: Mapping[str, np.ndarray[Any, Any]]) -> str:
+    digest = hashlib.sha256(config.to_json().encode())
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        digest.update(f"{name} {tensor.dtype.str} {tensor.shape}".encode())
+        digest.update(np.ascontiguousarray(tensor).data)
+    return digest.hexdigest()

@@ -1,0 +1,211 @@
+"""The face of the library: clips in, decisions out.
+
+One clip's way: `prepare` → `trx_os.embed` → `compare` with each enrolled action → `decide`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.prepare import prepare
+from actioncli.errors import SupportError
+from actioncli.model import trx_os
+from actioncli.model.weights import Weights, read_weights
+
+DEFAULT_TAU = 0.5
+
+# Support pairs that are compared in one piece: enough for full matrix speed, few enough that
+# scores stay in the processor's cache.
+_BLOCK_PAIRS = 1920
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Q queries against K enrolled actions.
+
+    Attributes:
+        labels: (K,) names of the actions.
+        distance: (Q, K) float32, T(Q, S) of the paper; smaller is more alike.
+        confidence: (Q, K) float32 in [0, 1], that query q shows action k, whatever else is
+            enrolled.
+        probability: (Q, K) float32, softmax of -T over the enrolled actions; rows sum to 1.
+    """
+
+    labels: NDArray[np.str_]
+    distance: FloatArray
+    confidence: FloatArray
+    probability: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """One enrolled action as seen from a query; the fields are those of `Comparison`."""
+
+    label: str
+    distance: float
+    probability: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What a clip shows.
+
+    Attributes:
+        label: the recognised action, or None where the clip is rejected.
+        accepted: confidence > tau.
+        confidence: that the clip shows the nearest action, in [0, 1].
+        tau: the threshold that was used.
+        nearest: the nearest enrolled action, accepted or not.
+        ranking: all enrolled actions, nearest first.
+        notes: what reading the clip decided on the way.
+    """
+
+    label: str | None
+    accepted: bool
+    confidence: float
+    tau: float
+    nearest: str
+    ranking: tuple[Ranked, ...]
+    notes: tuple[str, ...] = ()
+
+
+class Recognizer:
+    """One-shot open-set recognition with trained weights."""
+
+    name = "trx-os"
+
+    def __init__(self, weights: str | Path | None = None) -> None:
+        """Load weights; without a path those that came with the package.
+
+        Raises:
+            WeightsError: the weights cannot be read.
+        """
+        self.weights: Weights = read_weights(weights)
+
+    def embed(self, clips: Sequence[Clip]) -> FloatArray:
+        """What comparison needs of each clip.
+
+        Returns:
+            (N, F, E) float32.
+
+        Raises:
+            ClipError: a clip lacks joints that the model reads.
+        """
+        config = self.weights.config
+        frames = [prepare(clip, config.preparation) for clip in clips]
+        joints = (config.preparation.frames, len(config.preparation.joints), 3)
+        prepared = np.stack(frames) if frames else np.empty((0, *joints), np.float32)
+        embedding: FloatArray = trx_os.embed(self.weights.tensors, config, prepared)
+        return embedding
+
+    def compare(
+        self,
+        queries: Sequence[Clip] | FloatArray,
+        support: Mapping[str, Sequence[Clip] | FloatArray],
+    ) -> Comparison:
+        """Compare queries with every enrolled action.
+
+        Args:
+            queries: Q clips, or their embeddings (Q, F, E).
+            support: the examples of each action, clips or embeddings (n, F, E).
+
+        Raises:
+            SupportError: no action, or an action without examples.
+        """
+        if not support:
+            raise SupportError("the support set is empty; enrol an action first.")
+        query = self._embedded(queries)
+        examples = [self._embedded(clips) for clips in support.values()]
+        for label, embedding in zip(support, examples, strict=True):
+            if not len(embedding):
+                raise SupportError(f"the action {label!r} has no examples.")
+        distance = np.empty((len(query), len(examples)), np.float32)
+        logit = np.empty_like(distance)
+        params, config = self.weights.tensors, self.weights.config
+        query_keys, query_values = trx_os.pairs(params, config, query)
+        for actions in _blocks(examples):
+            block = np.stack([examples[action] for action in actions])
+            k, n = block.shape[:2]
+            keys, values = trx_os.pairs(params, config, block.reshape(k * n, *block.shape[2:]))
+            keys, values = (pairs.reshape(k, -1, config.key_width) for pairs in (keys, values))
+            for q in range(len(query)):
+                prototype = trx_os.prototypes(query_keys[q], keys, values)
+                difference = query_values[q] - prototype
+                distance[q, actions] = trx_os.distance(config, difference)
+                logit[q, actions] = trx_os.discriminator(params, difference)
+        return Comparison(
+            np.array(list(support), dtype=np.str_), distance, _sigmoid(logit), _softmax(-distance)
+        )
+
+    def classify(
+        self,
+        clip: Clip | FloatArray,
+        support: Mapping[str, Sequence[Clip] | FloatArray],
+        tau: float = DEFAULT_TAU,
+    ) -> Decision:
+        """Find the nearest enrolled action and accept or reject it.
+
+        Args:
+            clip: the query, or its embedding (F, E).
+            support: as in `compare`.
+            tau: accept where the confidence is above it.
+
+        Raises:
+            SupportError: no action, or an action without examples.
+        """
+        queries = [clip] if isinstance(clip, Clip) else clip[None]
+        comparison = self.compare(queries, support)
+        order = np.argsort(comparison.distance[0], kind="stable")
+        ranking = tuple(
+            Ranked(
+                str(comparison.labels[k]),
+                float(comparison.distance[0, k]),
+                float(comparison.probability[0, k]),
+                float(comparison.confidence[0, k]),
+            )
+            for k in order
+        )
+        nearest = ranking[0]
+        accepted = nearest.confidence > tau
+        return Decision(
+            label=nearest.label if accepted else None,
+            accepted=accepted,
+            confidence=nearest.confidence,
+            tau=tau,
+            nearest=nearest.label,
+            ranking=ranking,
+            notes=clip.notes if isinstance(clip, Clip) else (),
+        )
+
+    def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
+        return clips if isinstance(clips, np.ndarray) else self.embed(clips)
+
+
+def _blocks(examples: Sequence[FloatArray]) -> Iterator[list[int]]:
+    """Indices of actions with equally many examples, a block at a time."""
+    by_count: dict[int, list[int]] = {}
+    for action, embedding in enumerate(examples):
+        by_count.setdefault(len(embedding), []).append(action)
+    for count, actions in by_count.items():
+        frames = examples[actions[0]].shape[1]
+        size = max(1, _BLOCK_PAIRS // (count * frames * (frames - 1) // 2))
+        for start in range(0, len(actions), size):
+            yield actions[start : start + size]
+
+
+def _sigmoid(x: FloatArray) -> FloatArray:
+    # tanh cannot overflow, exp can.
+    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * x), np.float32)
+
+
+def _softmax(x: NDArray[Any]) -> FloatArray:
+    weights = np.exp(x - x.max(axis=1, keepdims=True))
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True), np.float32)
