@@ -1,0 +1,174 @@
+"""What a recogniser must beat: scorers with its interface but without training.
+
+A baseline's distance decides which action is nearest, its confidence whether that is accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.prepare import Preparation, prepare
+from actioncli.errors import SupportError
+from actioncli.evaluation.dtw import dtw_distance
+from actioncli.recognizer import Comparison, Recognizer
+
+# Neighbours in the cohort that tell how densely motions lie around a clip.
+_NEIGHBOURS = 10
+
+
+class Dtw:
+    """Dynamic time warping on prepared frames, nearest example first.
+
+    Without a cohort the confidence is exp(-distance), which orders queries but means nothing
+    as a probability. With one, the distance is divided by the geometric mean of how far the
+    query and the example lie from their nearest neighbours among the cohort's motions, as
+    speaker verification normalises scores; then 1 / (1 + distance) is 0.5 where they are as far
+    from one another as from these.
+    """
+
+    def __init__(self, preparation: Preparation, cohort: Sequence[Clip] = ()) -> None:
+        """Prepare the cohort.
+
+        Args:
+            preparation: what is done to every clip.
+            cohort: motions that show none of the actions to be measured; empty for none.
+        """
+        self.preparation = preparation
+        self.name = "dtw with cohort" if cohort else "dtw"
+        self._cohort = self._frames(cohort)
+
+    def embed(self, clips: Sequence[Clip]) -> NDArray[Any]:
+        """(N,) records: `frames` (F, J, 3), and `radius`, the distance to the cohort (or 1)."""
+        frames = self._frames(clips)
+        embedded = np.empty(
+            len(clips), dtype=[("frames", np.float32, frames.shape[1:]), ("radius", np.float32)]
+        )
+        embedded["frames"] = frames
+        embedded["radius"] = self._radius(frames)
+        return embedded
+
+    def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
+        """Distance to an action is that to the nearest of its examples.
+
+        Raises:
+            SupportError: no action, or an action without examples.
+        """
+        counts = _counts(support)
+        examples = np.concatenate(list(support.values()))
+        pairs = dtw_distance(queries["frames"], examples["frames"])
+        pairs /= np.sqrt(queries["radius"][:, None] * examples["radius"])
+        distance = np.minimum.reduceat(pairs, np.cumsum([0, *counts[:-1]]), axis=1)
+        normalised = len(self._cohort) > 0
+        confidence = 1 / (1 + distance) if normalised else np.exp(-distance)
+        return _comparison(support, distance, confidence)
+
+    def _frames(self, clips: Sequence[Clip]) -> FloatArray:
+        shape = (self.preparation.frames, len(self.preparation.joints), 3)
+        frames = [prepare(clip, self.preparation) for clip in clips]
+        return np.stack(frames) if frames else np.empty((0, *shape), np.float32)
+
+    def _radius(self, frames: FloatArray) -> FloatArray:
+        if not len(self._cohort):
+            return np.ones(len(frames), np.float32)
+        distance = dtw_distance(frames, self._cohort)
+        nearest = np.sort(distance, axis=1)[:, :_NEIGHBOURS]
+        return np.maximum(nearest.mean(axis=1), np.float32(1e-6))
+
+
+class Exp:
+    """EXP of the paper: exp(-T) of the nearest action stands in for the discriminator."""
+
+    name = "exp"
+
+    def __init__(self, recognizer: Recognizer) -> None:
+        """Take distances from `recognizer`."""
+        self._recognizer = recognizer
+
+    def embed(self, clips: Sequence[Clip]) -> FloatArray:
+        """As the recogniser does."""
+        return self._recognizer.embed(clips)
+
+    def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
+        """As the recogniser does, with another confidence."""
+        compared = self._recognizer.compare(queries, support)
+        return _comparison(support, compared.distance, np.exp(-compared.distance))
+
+
+class AlwaysReject:
+    """Says unknown to everything; all actions are equally near."""
+
+    name = "always-reject"
+
+    def embed(self, clips: Sequence[Clip]) -> FloatArray:
+        """Nothing: (N, 0)."""
+        return np.empty((len(clips), 0), np.float32)
+
+    def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
+        """Distance and confidence 0.
+
+        Raises:
+            SupportError: no action, or an action without examples.
+        """
+        nothing = np.zeros((len(queries), len(_counts(support))), np.float32)
+        return _comparison(support, nothing, nothing)
+
+
+class Random:
+    """Guesses, but gives the same answer to the same pair of clips."""
+
+    name = "random"
+
+    def __init__(self, seed: int = 0) -> None:
+        """Seed the guesses."""
+        self._rng = np.random.default_rng(seed)
+
+    def embed(self, clips: Sequence[Clip]) -> NDArray[Any]:
+        """(N, 2) random integers."""
+        return self._rng.integers(2**63, size=(len(clips), 2), dtype=np.uint64)
+
+    def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
+        """Distance and confidence uniform in [0, 1) and independent of one another.
+
+        Raises:
+            SupportError: no action, or an action without examples.
+        """
+        _counts(support)
+        actions = np.array([np.bitwise_xor.reduce(clips, axis=0) for clips in support.values()])
+        guess = _hashed(queries[:, None] ^ actions)
+        return _comparison(support, guess[..., 0], guess[..., 1])
+
+
+def _counts(support: Mapping[str, NDArray[Any]]) -> list[int]:
+    if not support:
+        raise SupportError("the support set is empty; enrol an action first.")
+    for label, clips in support.items():
+        if not len(clips):
+            raise SupportError(f"the action {label!r} has no examples.")
+    return [len(clips) for clips in support.values()]
+
+
+def _comparison(
+    support: Mapping[str, NDArray[Any]], distance: FloatArray, confidence: FloatArray
+) -> Comparison:
+    weights = np.exp(distance.min(axis=1, keepdims=True) - distance)
+    return Comparison(
+        labels=np.array(list(support), dtype=np.str_),
+        distance=distance,
+        confidence=confidence,
+        probability=weights / weights.sum(axis=1, keepdims=True),
+    )
+
+
+def _hashed(keys: NDArray[np.uint64]) -> FloatArray:
+    """Uniform numbers in [0, 1) that follow from 64-bit keys (the finaliser of splitmix64)."""
+    mixed = keys
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
+    mixed ^= mixed >> np.uint64(31)
+    # 24 bits are what a float32 holds without rounding up to 1
+    return ((mixed >> np.uint64(40)) / 2**24).astype(np.float32)
