@@ -1,0 +1,58 @@
+# make demo    install actioncli in .venv-demo and try it on the clips in examples/
+# make test    install it for development in .venv; format, lint, types, tests
+# make bench   time it (see tests/benchmarks)
+# make clean   remove all that these made
+#
+# Needs Python 3.11 or newer with its venv module; PYTHON=... picks another one than is found.
+
+ifndef PYTHON
+PYTHON := $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 python; do \
+	$$p -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	&& echo $$p && break; done)
+endif
+
+PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
+
+.PHONY: demo test bench clean
+.DEFAULT_GOAL := test
+
+demo: .venv-demo/installed
+	@sh tools/demo.sh .venv-demo/bin
+
+test: .venv/installed
+	.venv/bin/ruff format --check .
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4
+
+bench: .venv/installed
+	.venv/bin/python tests/benchmarks/startup.py
+	.venv/bin/python tests/benchmarks/query.py
+
+clean:
+	rm -rf .venv .venv-demo build dist actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+
+# `installed` is written last and removed first: an environment without it was left half made, and
+# is made anew.
+define environment
+	@[ -n "$(PYTHON)" ] || { echo "No Python 3.11 or newer with venv was found: install one, or add" \
+		"PYTHON=/path/to/python." >&2; exit 1; }
+	@[ -e $@ ] && $(@D)/bin/python -c '' || { echo "Making $(@D) with $(PYTHON)"; \
+		$(PYTHON) -m venv --clear $(@D); }
+	@rm -f $@
+endef
+
+# Tests run against the checkout.
+.venv/installed: pyproject.toml
+	$(environment)
+	@echo "Installing the checkout and its development tools in .venv; torch makes this long, once."
+	.venv/bin/python $(PIP_INSTALL) --editable '.[dev]'
+	@touch $@
+
+# The demo runs what a user gets.
+.venv-demo/installed: pyproject.toml $(shell find actioncli weights -type f -not -name '*.pyc')
+	$(environment)
+	@echo "Installing actioncli in .venv-demo; this downloads about 100 MB, once."
+	@rm -rf build
+	.venv-demo/bin/python $(PIP_INSTALL) .
+	@touch $@

@@ -1,0 +1,118 @@
+"""What a user installs: everything that is needed, nothing else, and light to import."""
+
+import importlib.metadata
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import actioncli
+from actioncli.errors import WeightsError
+from actioncli.weights_path import weights_file, weights_folder
+
+ROOT = Path(__file__).parent.parent
+CARD = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from a copy so that the checkout stays as it is."""
+    source = tmp_path_factory.mktemp("source")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for name in ("actioncli", "weights"):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    target = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(target)]
+    made = subprocess.run([*build, str(source)], capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stdout + made.stderr
+    return next(target.glob("*.whl"))
+
+
+def test_wheel_holds_the_package_and_the_weights_and_nothing_else(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name for name in archive.namelist() if ".dist-info/" not in name}
+    code = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "actioncli").rglob("*")
+        if path.suffix in {".py", ".typed"}
+    }
+    weights = {f"actioncli/weights/{path.name}" for path in (ROOT / "weights").iterdir()}
+    assert held == code | weights
+
+
+def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    script = (
+        "from actioncli.weights_path import weights_folder\n"
+        "from actioncli.recognizer import Recognizer\n"
+        "print(weights_folder())\n"
+        "print(Recognizer().weights.path)\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(site)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    folder, weights = map(Path, ran.stdout.split())
+    assert folder == site / "actioncli" / "weights"
+    assert weights == folder / "trx_os.safetensors"
+
+
+def test_every_package_is_listed() -> None:
+    found = {
+        ".".join(path.parent.relative_to(ROOT).parts)
+        for path in (ROOT / "actioncli").rglob("__init__.py")
+    }
+    assert set(CARD["tool"]["setuptools"]["packages"]) == found | {"actioncli.weights"}
+
+
+def test_importing_is_light() -> None:
+    script = (
+        "import json, sys, actioncli, actioncli.cli.app, actioncli.store.store\n"
+        "print(json.dumps(sorted(sys.modules)))"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    heavy = {"numpy", "torch", "cv2", "onnxruntime", "safetensors", "array_api_compat"}
+    assert not heavy & set(json.loads(ran.stdout))
+
+
+def test_every_public_name_is_there() -> None:
+    for name in actioncli.__all__:
+        assert getattr(actioncli, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = actioncli.nothing
+
+
+def test_version_is_the_same_everywhere() -> None:
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest = re.search(r"^## \[(\d[^\]]*)\]", changelog, re.MULTILINE)
+    assert newest is not None
+    assert newest[1] == actioncli.__version__ == importlib.metadata.version("actioncli")
+
+
+def test_only_training_needs_torch() -> None:
+    assert not any("torch" in need for need in CARD["project"]["dependencies"])
+    assert CARD["project"]["optional-dependencies"]["train"] == ["torch==2.13.0"]
+
+
+def test_weights_stand_beside_the_package_in_a_checkout() -> None:
+    assert weights_folder() == ROOT / "weights"
+    assert weights_file("trx_os.safetensors").is_file()
+
+
+def test_a_missing_file_names_itself_and_the_way_out() -> None:
+    with pytest.raises(WeightsError, match=r"no_such_net.* is missing.*[Ii]nstall it again"):
+        weights_file("no_such_net.onnx")
