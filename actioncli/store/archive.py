@@ -1,0 +1,254 @@
+"""The exported support set: one portable file, read with suspicion.
+
+It is a safetensors file, so that other programs can open it: a header (JSON) that places the
+tensors `0/joints` (T, J, 3), `0/confidence` (T, J), `1/joints`, ... one after the other, all
+float32 and little-endian. Its metadata holds the manifest (what the store knows of each example)
+and the manifest's SHA-256; the manifest holds the SHA-256 of each example's content. Between
+them, they cover every bit that matters.
+
+It is written and read here, not by the safetensors library, for two reasons: an example at a
+time is in memory, whatever the file's size; and reading is strict, for the only header that is
+accepted is the one that would be written for the manifest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from actioncli.errors import ActionCliError, StoreError
+from actioncli.store.faults import system_fault
+from actioncli.store.record import Record, check_size
+
+FORMAT = "actioncli support set"
+VERSION = 1
+# JSON takes up to 25 times its length in memory: this keeps a hostile header below half a GB.
+LARGEST_HEADER = 16 * 2**20
+LARGEST_ARCHIVE = 4 * 2**30
+
+_FIELDS: dict[str, type] = {
+    "label": str,
+    "negative": bool,
+    "source": str,
+    "note": str,
+    "added": str,
+    "fps": float,
+    "frames": int,
+    "joint_names": list,
+    "confidence": bool,
+    "checksum": str,
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the manifest says of one example; the tensors follow in the file.
+
+    Attributes:
+        record: the example, without its bytes.
+        confidence: whether the example has a confidence for each joint.
+    """
+
+    record: Record
+    confidence: bool
+
+    @property
+    def joints_size(self) -> int:
+        """Bytes of the joints."""
+        return self.record.frames * len(self.record.joint_names) * 12
+
+    @property
+    def confidence_size(self) -> int:
+        """Bytes of the confidence."""
+        return self.joints_size // 3 if self.confidence else 0
+
+
+def write_archive(path: Path, entries: Sequence[Entry], records: Iterable[Record]) -> None:
+    """Write an archive; the file appears whole or not at all, readable by its owner only.
+
+    Args:
+        path: the file; an archive that is there already is replaced, anything else is not.
+        entries: what goes into the manifest, in order.
+        records: the same examples with their bytes, taken one at a time.
+
+    Raises:
+        StoreError: not writable, too large, or something else of that name is there.
+    """
+    header = json.dumps(_header(entries), ensure_ascii=False, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)
+    size = 8 + len(header) + sum(entry.joints_size + entry.confidence_size for entry in entries)
+    if len(header) > LARGEST_HEADER or size > LARGEST_ARCHIVE:
+        raise StoreError(
+            f"{len(entries)} examples ({size >> 20} MB) are too many for one export; "
+            "copy the store's file instead."
+        )
+    temporary = None
+    try:
+        if path.is_symlink() or (path.exists() and not _is_archive(path)):
+            raise StoreError(f"{path} is there already and is no export; choose another name.")
+        descriptor, temporary = tempfile.mkstemp(prefix=".export-", dir=path.parent)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(len(header).to_bytes(8, "little"))
+            file.write(header)
+            for record in records:
+                file.write(record.joints)
+                file.write(record.confidence or b"")
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).replace(path)
+        temporary = None
+    except OSError as error:
+        raise system_fault(path, error, "cannot be written") from error
+    finally:
+        if temporary is not None:
+            with suppress(OSError):
+                Path(temporary).unlink()
+
+
+def read_archive(path: Path) -> Iterator[Record]:
+    """The examples of an archive, in order, each checked as an enrolment would.
+
+    A caller that must not keep half of a bad file reads it to the end once before it believes
+    anything.
+
+    Raises:
+        StoreError: unreadable, damaged, not an archive, of a newer release, or hostile.
+    """
+    try:
+        if not path.is_file():
+            raise StoreError(f"{path} does not exist, or is no ordinary file; check the path.")
+        with path.open("rb") as file:
+            yield from _records(file, path.stat().st_size, path)
+    except OSError as error:
+        raise system_fault(path, error, "cannot be read") from error
+
+
+def _records(file: BinaryIO, size: int, path: Path) -> Iterator[Record]:
+    what = str(path)
+    try:
+        entries = _read_header(file, size)
+        for place, entry in enumerate(entries, 1):
+            what = f"{path}, example {place}"
+            joints = file.read(entry.joints_size)
+            confidence = file.read(entry.confidence_size) if entry.confidence else None
+            record = replace(entry.record, joints=joints, confidence=confidence)
+            _check(record)
+            yield record
+    # JSON that nests too deeply is a RecursionError, a clip that is none a ClipError.
+    except (_RefusedError, ActionCliError, ValueError, RecursionError) as error:
+        raise StoreError(
+            f"{what}: {error} Nothing was imported; export the support set again."
+        ) from error
+
+
+class _RefusedError(Exception):
+    """Why a file is not taken."""
+
+
+def _read_header(file: BinaryIO, size: int) -> list[Entry]:
+    length = int.from_bytes(file.read(8), "little")
+    if size < 10 or length > size - 8:
+        raise _RefusedError("this is no export of a support set, or it was cut short.")
+    if length > LARGEST_HEADER or size > LARGEST_ARCHIVE:
+        raise _RefusedError("this is larger than any export of a support set.")
+    header = json.loads(file.read(length))
+    metadata = header.get("__metadata__") if isinstance(header, dict) else None
+    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
+        raise _RefusedError("this is no export of a support set.")
+    if metadata.get("version") != str(VERSION):
+        raise _RefusedError(
+            f"its format version is {ascii(metadata.get('version'))[:20]}, this release reads "
+            f"{VERSION}; update actioncli."
+        )
+    text = metadata.get("examples")
+    if not isinstance(text, str) or metadata.get("sha256") != _sha256(text):
+        raise _RefusedError("its list of examples is damaged.")
+    manifest = json.loads(text)
+    if not isinstance(manifest, list):
+        raise _RefusedError("its list of examples is no list.")
+    entries = [_entry(fields) for fields in manifest]
+    if header != _header(entries):
+        raise _RefusedError("its header does not fit its list of examples.")
+    if size != 8 + length + sum(entry.joints_size + entry.confidence_size for entry in entries):
+        raise _RefusedError("it was cut short, or something was appended.")
+    return entries
+
+
+def _entry(fields: Any) -> Entry:
+    """One line of the manifest, its types and sizes checked."""
+    if not isinstance(fields, dict) or fields.keys() != _FIELDS.keys():
+        raise _RefusedError("an example has other fields than it should.")
+    for name, kind in _FIELDS.items():
+        if type(fields[name]) is not kind:
+            raise _RefusedError(f"the {name} of an example is of another type than it should.")
+    names = fields["joint_names"]
+    if not names or not all(isinstance(name, str) for name in names) or fields["frames"] < 2:
+        raise _RefusedError("the joint names or frames of an example make no clip.")
+    confidence = fields.pop("confidence")
+    check_size(fields["frames"], len(names), "")
+    record = Record(**{**fields, "joint_names": tuple(names)}, joints=b"", confidence=None)
+    return Entry(record, confidence)
+
+
+def _check(record: Record) -> None:
+    """Take only what enrolling the same clip would have stored."""
+    if not record.intact():
+        raise _RefusedError("its content is damaged (the checksum differs).")
+    # Equal to what the store itself makes of it: label, source and note are clean, names
+    # printable, the clip valid.
+    again = Record.from_clip(record.label, record.clip(), record.note, record.negative)
+    if replace(again, added=record.added) != record:
+        raise _RefusedError("its label, note or source is not as the store would write it.")
+    moment = datetime.fromisoformat(record.added)
+    if moment.strftime("%Y-%m-%dT%H:%M:%SZ") != record.added:
+        raise _RefusedError("its time is not as the store would write it.")
+
+
+def _header(entries: Sequence[Entry]) -> dict[str, Any]:
+    """The safetensors header of an archive."""
+    manifest = [
+        {name: getattr(entry.record, name) for name in _FIELDS} | {"confidence": entry.confidence}
+        for entry in entries
+    ]
+    text = json.dumps(manifest, ensure_ascii=False, separators=(",", ":"))
+    header: dict[str, Any] = {
+        "__metadata__": {
+            "format": FORMAT,
+            "version": str(VERSION),
+            "examples": text,
+            "sha256": _sha256(text),
+        }
+    }
+    offset = 0
+    for place, entry in enumerate(entries):
+        shape = [entry.record.frames, len(entry.record.joint_names)]
+        tensors = [("joints", [*shape, 3], entry.joints_size)]
+        if entry.confidence:
+            tensors.append(("confidence", shape, entry.confidence_size))
+        for name, dimensions, size in tensors:
+            header[f"{place}/{name}"] = {
+                "dtype": "F32",
+                "shape": dimensions,
+                "data_offsets": [offset, offset + size],
+            }
+            offset += size
+    return header
+
+
+def _is_archive(path: Path) -> bool:
+    with path.open("rb") as file:
+        # The format's name stands at the beginning of what `write_archive` writes.
+        return FORMAT.encode() in file.read(100)
+
+
+def _sha256(text: str) -> str:
+    # A lone surrogate, which only a hostile file has, is no valid UTF-8.
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,0 +1,80 @@
+"""The embeddings of the examples, kept beside them so that a query need not compute them.
+
+They belong to one set of weights and can always be computed again.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import zlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from actioncli.errors import StoreError
+from actioncli.store.database import writing
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+# No one should wait long for the right to keep what can be computed again.
+_PATIENCE = 2.0
+
+
+def read_embeddings(
+    db: sqlite3.Connection, weights: str, negative: bool
+) -> tuple[dict[int, str], dict[int, NDArray[np.float32]]]:
+    """What is cached for the actions, or for the negatives.
+
+    Returns:
+        The label of every example, in the order of enrolment, and the (F, E) embeddings of those
+        that have one for these weights.
+    """
+    import numpy as np
+
+    labels: dict[int, str] = {}
+    found: dict[int, NDArray[np.float32]] = {}
+    for example, label, frames, width, crc, data in db.execute(
+        "SELECT id, label, embeddings.frames, width, crc, data FROM examples "
+        "LEFT JOIN embeddings ON example = id AND weights = ? WHERE negative = ? ORDER BY id",
+        (weights, negative),
+    ):
+        labels[example] = label
+        if data is not None and crc == _crc(example, weights, frames, width, data):
+            found[example] = np.frombuffer(data, "<f4").reshape(frames, width)
+    return labels, found
+
+
+def keep_embeddings(path: Path, weights: str, embeddings: dict[int, NDArray[np.float32]]) -> None:
+    """Add to the cache, and drop what belongs to other weights.
+
+    A store that cannot be written now goes without.
+    """
+    rows: list[tuple[Any, ...]] = []
+    for example, embedding in embeddings.items():
+        frames, width = embedding.shape
+        data = embedding.tobytes()
+        crc = _crc(example, weights, frames, width, data)
+        rows.append((weights, frames, width, crc, data, example))
+    try:
+        with writing(path, _PATIENCE) as db:
+            db.execute("DELETE FROM embeddings WHERE weights != ?", (weights,))
+            # An example may have been removed in the meantime.
+            db.executemany(
+                "INSERT OR REPLACE INTO embeddings (example, weights, frames, width, crc, data) "
+                "SELECT id, ?, ?, ?, ?, ? FROM examples WHERE id = ?",
+                rows,
+            )
+    except StoreError:
+        return
+
+
+def damaged_embeddings(db: sqlite3.Connection) -> list[int]:
+    """The examples whose cached embedding has changed since it was written."""
+    rows = db.execute("SELECT example, weights, frames, width, data, crc FROM embeddings")
+    return [row[0] for row in rows if _crc(*row[:5]) != row[5]]
+
+
+def _crc(example: int, weights: str, frames: int, width: int, data: bytes) -> int:
+    """Covers an embedding and what it belongs to: SQLite does not see a flipped bit."""
+    return zlib.crc32(data, zlib.crc32(f"{example} {weights} {frames} {width}".encode()))

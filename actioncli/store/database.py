@@ -1,0 +1,93 @@
+"""Transactions on the store's file.
+
+Every operation opens the file, works in one transaction and closes it. Opening costs a fraction
+of a millisecond; in return there is nothing to close, nothing that a fork or a thread could
+share, and the file may be moved or replaced between two operations.
+
+The journal is SQLite's rollback journal, not its write-ahead log: a store in a read-only folder
+stays readable, no shared memory is needed (which network file systems lack), and at rest the
+store is one file that can be copied. Writers exclude readers for the milliseconds of a commit,
+which nobody notices here. `synchronous = EXTRA` also syncs the folder after the journal is
+deleted, so that what was acknowledged survives a power loss.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from actioncli.store import migrations
+from actioncli.store.faults import sqlite_fault
+from actioncli.store.location import exists, prepare
+
+# Seconds to wait for other writers: sixteen that enrol at once on a slow disk stay far below it.
+PATIENCE = 30.0
+
+_PRAGMAS = (
+    "PRAGMA synchronous = EXTRA",
+    "PRAGMA foreign_keys = ON",
+    # What was removed is overwritten, not only unlinked: it is a recording of somebody.
+    "PRAGMA secure_delete = ON",
+    # The file may come from someone else: its schema must not run functions, its pages are checked.
+    "PRAGMA trusted_schema = OFF",
+    "PRAGMA cell_size_check = ON",
+)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[sqlite3.Connection | None]:
+    """One consistent view of the store; None where there is no store yet. Creates nothing.
+
+    Raises:
+        StoreError: the file cannot be opened or read as a store.
+    """
+    if not exists(path):
+        yield None
+        return
+    with _connected(path, PATIENCE) as db:
+        db.execute("BEGIN")
+        version = migrations.schema_version(db, path)
+        if 0 < version < len(migrations.MIGRATIONS):
+            db.execute("ROLLBACK")
+            with writing(path):
+                pass  # the first release to read an old store brings it up to date
+            db.execute("BEGIN")
+        yield db if version else None
+
+
+@contextmanager
+def writing(path: Path, patience: float = PATIENCE) -> Iterator[sqlite3.Connection]:
+    """One write transaction: committed when the block ends, undone when it raises.
+
+    Creates the store and brings its schema up to date, in the same transaction.
+
+    Args:
+        path: the store's file.
+        patience: seconds to wait for other writers.
+
+    Raises:
+        StoreError: the file cannot be opened, locked or written as a store.
+    """
+    prepare(path)
+    with _connected(path, patience) as db:
+        # The write lock is taken first: a reader that turned writer could deadlock with another.
+        db.execute("BEGIN IMMEDIATE")
+        migrations.migrate(db, path)
+        yield db
+        db.execute("COMMIT")
+
+
+@contextmanager
+def _connected(path: Path, patience: float) -> Iterator[sqlite3.Connection]:
+    """A connection whose errors are `StoreError`; closing it undoes what was not committed."""
+    try:
+        # mode=rw never creates; where writing is not allowed, SQLite opens for reading only.
+        uri = f"{path.as_uri()}?mode=rw"
+        with closing(sqlite3.connect(uri, uri=True, timeout=patience, isolation_level=None)) as db:
+            for pragma in _PRAGMAS:
+                db.execute(pragma)
+            yield db
+    except sqlite3.Error as error:
+        raise sqlite_fault(path, error) from error

@@ -1,0 +1,114 @@
+"""Examples in an open database: finding, adding, reading. Transactions are the caller's."""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from actioncli.errors import StoreError, SupportError, UsageError
+from actioncli.store.names import check_label
+
+if TYPE_CHECKING:
+    from actioncli.store.record import Record
+
+
+@dataclass(frozen=True)
+class Enrolled:
+    """What became of a clip: `added` is False where the same clip was there already."""
+
+    example: int
+    label: str
+    added: bool
+
+
+def insert(db: sqlite3.Connection, record: Record) -> Enrolled:
+    """Add an example, unless the same clip is there under the same label.
+
+    Raises:
+        UsageError: the label holds negatives and this is an action, or the other way round.
+    """
+    from actioncli.store.record import COLUMNS
+
+    held = holds_negatives(db, record.label)
+    if held is not None and held != record.negative:
+        there, given = ("negatives", "an action") if held else ("an action", "negatives")
+        raise UsageError(f"`{record.label}` holds {there}; choose another label for {given}.")
+    same = db.execute(
+        "SELECT id FROM examples WHERE label = ? AND negative = ? AND checksum = ?",
+        (record.label, record.negative, record.checksum),
+    ).fetchone()
+    if same:
+        return Enrolled(int(same[0]), record.label, added=False)
+    values = (*record.row(), len(record.joint_names))
+    places = ", ".join("?" * len(values))
+    cursor = db.execute(f"INSERT INTO examples ({COLUMNS}, joint_count) VALUES ({places})", values)
+    return Enrolled(int(cursor.lastrowid or 0), record.label, added=True)
+
+
+def holds_negatives(db: sqlite3.Connection, label: str) -> bool | None:
+    """Whether a label holds negatives; None where it is not enrolled."""
+    row = db.execute("SELECT negative FROM examples WHERE label = ? LIMIT 1", (label,)).fetchone()
+    return bool(row[0]) if row else None
+
+
+def known(db: sqlite3.Connection | None, label: str) -> str:
+    """The label as it is stored.
+
+    Raises:
+        SupportError: it is not enrolled.
+    """
+    label = check_label(label)
+    if db is None or holds_negatives(db, label) is None:
+        rows = db.execute("SELECT DISTINCT label FROM examples ORDER BY label") if db else ()
+        enrolled = [f"`{row[0]}`" for row in rows]
+        listed = ", ".join(enrolled[:10]) + (", ..." if len(enrolled) > 10 else "")
+        raise SupportError(
+            f"`{label}` is not enrolled; "
+            + (f"enrolled: {listed}." if enrolled else "nothing is, see `actioncli enroll --help`.")
+        )
+    return label
+
+
+def read_outlines(db: sqlite3.Connection, path: Path) -> list[tuple[int, Record, bool]]:
+    """All examples without their bytes: identifier, record, whether there is a confidence."""
+    from actioncli.store.record import OUTLINE, Record
+
+    rows = db.execute(f"SELECT id, confidence IS NOT NULL, {OUTLINE} FROM examples ORDER BY id")
+    outlines = []
+    for row in rows:
+        try:
+            outlines.append((row[0], Record.from_row((*row[2:], b"", None)), bool(row[1])))
+        except (TypeError, ValueError) as error:
+            raise damaged(path, row[0], row[2]) from error
+    return outlines
+
+
+def read_record(db: sqlite3.Connection, path: Path, example: int) -> Record | None:
+    """One example, whose content is what was enrolled; None where there is none.
+
+    Raises:
+        StoreError: the content has changed.
+    """
+    from actioncli.store.record import COLUMNS, Record
+
+    row = db.execute(f"SELECT {COLUMNS} FROM examples WHERE id = ?", (example,)).fetchone()
+    if row is None:
+        return None
+    try:
+        record = Record.from_row(row)
+        intact = record.intact()
+    except (TypeError, ValueError) as error:
+        raise damaged(path, example, row[0]) from error
+    if not intact:
+        raise damaged(path, example, record.label)
+    return record
+
+
+def damaged(path: Path, example: int, label: object) -> StoreError:
+    """The error of an example whose content is not what was enrolled."""
+    return StoreError(
+        f"{path}: example {example} of {label!r} is damaged. Remove it "
+        f"(`actioncli remove LABEL --example {example}`) and enrol it again."
+    )

@@ -1,0 +1,52 @@
+"""What went wrong with the store, said so that a person knows the way out."""
+
+from __future__ import annotations
+
+import errno
+import sqlite3
+from pathlib import Path
+
+from actioncli.errors import StoreError
+
+_RESTORE = (
+    "Keep a copy of the file, see `actioncli doctor`, and start anew from an export "
+    "(`actioncli import FILE`)."
+)
+# By SQLite's primary result code; https://sqlite.org/rescode.html
+_REASONS = {
+    sqlite3.SQLITE_NOTADB: "is not a support set (not an SQLite database, or its first bytes are "
+    f"damaged). Name another file with --store or ACTIONCLI_HOME. {_RESTORE}",
+    sqlite3.SQLITE_CORRUPT: f"is damaged. {_RESTORE}",
+    sqlite3.SQLITE_BUSY: "is locked by another program. Wait for it or end it, then try again; "
+    "on a network drive that cannot lock, move the store to a local disk (ACTIONCLI_HOME).",
+    sqlite3.SQLITE_READONLY: "cannot be written. Make the file and its folder writable, or name "
+    "another place with --store or ACTIONCLI_HOME.",
+    sqlite3.SQLITE_FULL: "cannot grow: the disk is full. Nothing was changed; free some space and "
+    "try again.",
+    sqlite3.SQLITE_CANTOPEN: "cannot be opened. Check that the folder exists and that you may "
+    "read and write both it and the file, or name another place with --store or ACTIONCLI_HOME.",
+    sqlite3.SQLITE_IOERR: "cannot be read or written: the disk or its file system fails, is full "
+    "or cannot lock. Check it, or move the store to a local disk (ACTIONCLI_HOME).",
+}
+_REASONS[sqlite3.SQLITE_LOCKED] = _REASONS[sqlite3.SQLITE_BUSY]
+_REASONS[sqlite3.SQLITE_PERM] = _REASONS[sqlite3.SQLITE_CANTOPEN]
+
+
+def sqlite_fault(path: Path, error: sqlite3.Error) -> StoreError:
+    """The error of a database as a `StoreError` that names the file and the remedy."""
+    # Errors that Python raises itself (text that is not UTF-8) carry no code.
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+    reason = _REASONS.get(code, f"cannot be used. {_RESTORE}")
+    return StoreError(f"{path} {reason} ({error})")
+
+
+def system_fault(path: Path, error: OSError, what: str = "") -> StoreError:
+    """The error of the operating system as a `StoreError` that names the file and the remedy."""
+    reason = error.strerror or str(error)
+    if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
+        way = "Free some space and try again."
+    elif error.errno in {errno.EACCES, errno.EPERM, errno.EROFS}:
+        way = "Make it readable and writable for you, or name another place."
+    else:
+        way = "Check the path, or name another place."
+    return StoreError(f"{path} {what or 'cannot be used'}: {reason}. {way}")

@@ -1,0 +1,113 @@
+"""Where the store lies, and that nobody else can read it.
+
+A recording of a person is private: the folder is made for its owner only (0700), the file too
+(0600), and both from their first moment on. SQLite gives its journal the mode of the database.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from actioncli.errors import StoreError
+from actioncli.store.faults import system_fault
+
+FILE_NAME = "support.db"
+HOME_VARIABLE = "ACTIONCLI_HOME"
+
+
+def store_path(path: str | Path | None = None) -> Path:
+    """The store's file: `path`, else `$ACTIONCLI_HOME/support.db`, else the user's data folder.
+
+    Raises:
+        StoreError: `ACTIONCLI_HOME` begins with the home (`~name`) of nobody.
+    """
+    if path is not None:
+        return Path(path).absolute()
+    home = os.environ.get(HOME_VARIABLE)
+    if home:
+        try:
+            return Path(home).expanduser().absolute() / FILE_NAME
+        except RuntimeError as error:
+            raise StoreError(f"{HOME_VARIABLE}={home} names no folder: {error}") from error
+    from platformdirs import user_data_path
+
+    return user_data_path("actioncli", appauthor=False) / FILE_NAME
+
+
+def exists(path: Path) -> bool:
+    """Whether there is a file that can be opened as a store.
+
+    Raises:
+        StoreError: a folder, a device or a symbolic link is there, or one may not look.
+    """
+    try:
+        mode = path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:
+        raise _unusable(path, error) from error
+    if stat.S_ISDIR(mode):
+        raise StoreError(f"{path} is a folder; name a file in it, such as {path / FILE_NAME}.")
+    if stat.S_ISLNK(mode):
+        # Someone else may have laid it; following it would fill or close a file of their choice.
+        raise StoreError(
+            f"{path} is a symbolic link, which a store must not be; name the file itself with "
+            f"--store, or its folder with {HOME_VARIABLE}."
+        )
+    if not stat.S_ISREG(mode):
+        raise StoreError(f"{path} is no ordinary file; name another one with --store.")
+    return True
+
+
+def prepare(path: Path) -> None:
+    """Create folder and file if they are missing, for their owner only. Safe to race.
+
+    A folder that was there before keeps its mode (it may be anything: a project, a USB stick)
+    unless it is empty. A store that others could read is closed to them.
+
+    Raises:
+        StoreError: it cannot be created, or what is there cannot be a store.
+    """
+    folder = path.parent
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not exists(path):
+            if _ours(folder) and not any(folder.iterdir()):
+                folder.chmod(0o700)
+            flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+            try:
+                os.close(os.open(path, flags, 0o600))
+            except FileExistsError:
+                exists(path)  # another process was faster, which is well; a link is not
+        elif open_to_others(path) and _ours(path):
+            path.chmod(0o600)
+    except (OSError, ValueError) as error:
+        raise _unusable(path, error) from error
+
+
+def open_to_others(path: Path) -> bool:
+    """Whether group or others may read or write the file; False where modes mean nothing."""
+    return os.name == "posix" and bool(path.lstat().st_mode & 0o077)
+
+
+def folder_open_to_others(path: Path) -> bool:
+    """Whether others could exchange the file: they may write its folder, without a sticky bit."""
+    mode = path.parent.stat().st_mode
+    return os.name == "posix" and bool(mode & 0o022) and not mode & stat.S_ISVTX
+
+
+def _ours(path: Path) -> bool:
+    status = path.lstat()
+    return (
+        hasattr(os, "geteuid")
+        and status.st_uid == os.geteuid()
+        and not status.st_mode & stat.S_ISVTX
+    )
+
+
+def _unusable(path: Path, error: OSError | ValueError) -> StoreError:
+    if isinstance(error, OSError):
+        return system_fault(path, error, "cannot hold a support set")
+    return StoreError(f"{str(path)!r} cannot be a file name: {error}.")

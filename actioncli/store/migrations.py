@@ -1,0 +1,106 @@
+"""The schema, as the ordered list of changes that lead to it.
+
+A database's `user_version` counts the changes it has seen, its `application_id` says that it is
+ours. A change that was released is never edited; a new one is added below it.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import dataclass
+from pathlib import Path
+
+from actioncli.errors import StoreError
+
+APPLICATION_ID = int.from_bytes(b"ACLI")
+
+
+@dataclass(frozen=True)
+class Migration:
+    """One change of the schema: its name, and its statements in order."""
+
+    name: str
+    statements: tuple[str, ...]
+
+
+MIGRATIONS: tuple[Migration, ...] = (
+    Migration(
+        "examples, cached embeddings, settings",
+        (
+            # Identifiers are never given twice (AUTOINCREMENT): an embedding that was computed
+            # for a removed example cannot be filed under a new one.
+            # The index holds `negative` so that the integrity check covers it.
+            """
+            CREATE TABLE examples (
+                id INTEGER PRIMARY KEY AUTOINCREMENT,
+                label TEXT NOT NULL CHECK (length(label) BETWEEN 1 AND 100),
+                negative INTEGER NOT NULL CHECK (negative IN (0, 1)),
+                source TEXT NOT NULL,
+                note TEXT NOT NULL,
+                added TEXT NOT NULL,
+                fps REAL NOT NULL CHECK (fps > 0),
+                frames INTEGER NOT NULL CHECK (frames >= 2),
+                joint_count INTEGER NOT NULL CHECK (joint_count >= 1),
+                joint_names TEXT NOT NULL,
+                checksum TEXT NOT NULL,
+                joints BLOB NOT NULL CHECK (length(joints) = frames * joint_count * 12),
+                confidence BLOB CHECK (length(confidence) = frames * joint_count * 4),
+                UNIQUE (label, negative, checksum)
+            )
+            """,
+            """
+            CREATE TABLE embeddings (
+                example INTEGER NOT NULL REFERENCES examples (id) ON DELETE CASCADE,
+                weights TEXT NOT NULL,
+                frames INTEGER NOT NULL,
+                width INTEGER NOT NULL,
+                crc INTEGER NOT NULL,
+                data BLOB NOT NULL,
+                PRIMARY KEY (example, weights)
+            )
+            """,
+            "CREATE TABLE settings (name TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL)",
+        ),
+    ),
+)
+
+
+def schema_version(db: sqlite3.Connection, path: Path) -> int:
+    """How many migrations the database has seen; 0 for an empty one.
+
+    Raises:
+        StoreError: another program's database, or one of a newer release.
+    """
+    (application,) = db.execute("PRAGMA application_id").fetchone()
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    if application == 0 and version == 0:
+        (tables,) = db.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if tables == 0:
+            return 0
+    if application != APPLICATION_ID or version < 1:
+        raise StoreError(
+            f"{path} is a database of another program; it was left as it is. "
+            "Name another file with --store or ACTIONCLI_HOME."
+        )
+    if version > len(MIGRATIONS):
+        raise StoreError(
+            f"{path} was written by a newer release (schema {version}, this one knows "
+            f"{len(MIGRATIONS)}). Update actioncli, or name another file with --store."
+        )
+    return int(version)
+
+
+def migrate(db: sqlite3.Connection, path: Path) -> None:
+    """Bring the schema up to date, inside the caller's write transaction.
+
+    Raises:
+        StoreError: as `schema_version`.
+    """
+    version = schema_version(db, path)
+    if version == len(MIGRATIONS):
+        return
+    for migration in MIGRATIONS[version:]:
+        for statement in migration.statements:
+            db.execute(statement)
+    db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    db.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")

@@ -1,0 +1,158 @@
+"""An example as it is kept: the clip's content as bytes, with its checksum and what people said.
+
+Joints are little-endian float32, whatever the machine, so that stores and exports can travel.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from actioncli.errors import ClipError
+from actioncli.store.names import check_label, file_name, plain_text
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
+
+MOST_JOINTS = 1000
+# An hour and a half of 33 joints at 30 fps: beyond any action, and small enough to hold.
+LARGEST_CLIP_BYTES = 64 * 2**20
+LONGEST_JOINT_NAME = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One example.
+
+    Attributes:
+        joints: frames * joints * 3 float32, little-endian, in C order.
+        confidence: frames * joints float32, likewise, or None.
+        checksum: SHA-256 (hex) of the content: names, fps, joints, confidence.
+    """
+
+    label: str
+    negative: bool
+    source: str
+    note: str
+    added: str
+    fps: float
+    frames: int
+    joint_names: tuple[str, ...]
+    checksum: str
+    joints: bytes
+    confidence: bytes | None
+
+    @classmethod
+    def from_clip(cls, label: str, clip: Clip, note: str = "", negative: bool = False) -> Record:
+        """A clip as it will be kept, added now.
+
+        Raises:
+            UsageError: the label is not allowed.
+            ClipError: the clip is too large to keep, or its joint names are not printable.
+        """
+        label = check_label(label)
+        check_size(len(clip.joints), len(clip.joint_names), clip.source)
+        for name in clip.joint_names:
+            if not (0 < len(name) <= LONGEST_JOINT_NAME and name.isprintable()):
+                raise ClipError(
+                    f"{file_name(clip.source) or 'clip'}: the joint name {name[:100]!a} is "
+                    "empty, too long or not printable; rename the joint."
+                )
+        joints = clip.joints.astype("<f4").tobytes()
+        confidence = None if clip.confidence is None else clip.confidence.astype("<f4").tobytes()
+        return cls(
+            label=label,
+            negative=negative,
+            source=file_name(clip.source),
+            note=plain_text(note),
+            added=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            fps=clip.fps,
+            frames=len(clip.joints),
+            joint_names=clip.joint_names,
+            checksum=_content_checksum(clip.fps, clip.joint_names, joints, confidence),
+            joints=joints,
+            confidence=confidence,
+        )
+
+    @classmethod
+    def from_row(cls, row: tuple[Any, ...]) -> Record:
+        """A row of the columns `COLUMNS`.
+
+        Raises:
+            ValueError, TypeError: the row is damaged.
+        """
+        label, negative, source, note, added, fps, frames, names, checksum, joints, weights = row
+        named = json.loads(names)
+        if not (isinstance(named, list) and isinstance(joints, bytes)):
+            raise TypeError("joints or their names are of another type")
+        return cls(
+            label, bool(negative), source, note, added, float(fps), frames, tuple(named), checksum,
+            joints, weights,
+        )  # fmt: skip
+
+    def row(self) -> tuple[Any, ...]:
+        """The values of the columns `COLUMNS`."""
+        return (
+            self.label, int(self.negative), self.source, self.note, self.added, self.fps,
+            self.frames, json.dumps(self.joint_names, ensure_ascii=False), self.checksum,
+            self.joints, self.confidence,
+        )  # fmt: skip
+
+    def intact(self) -> bool:
+        """Whether the content is what it was when the clip was enrolled."""
+        return (
+            len(self.joints) == self.frames * len(self.joint_names) * 12
+            and _content_checksum(self.fps, self.joint_names, self.joints, self.confidence)
+            == self.checksum
+        )
+
+    def clip(self) -> Clip:
+        """The clip.
+
+        Raises:
+            ClipError: the content is no valid clip.
+            ValueError: the sizes do not fit one another.
+        """
+        import numpy as np
+
+        from actioncli.clips.clip import Clip
+
+        shape = (self.frames, len(self.joint_names))
+        confidence = None
+        if self.confidence is not None:
+            confidence = np.frombuffer(self.confidence, "<f4").reshape(shape)
+        joints = np.frombuffer(self.joints, "<f4").reshape(*shape, 3)
+        return Clip(joints, self.joint_names, self.fps, confidence, self.source)
+
+
+# The columns of the table `examples` that make a record: without its bytes, and with them.
+OUTLINE = "label, negative, source, note, added, fps, frames, joint_names, checksum"
+COLUMNS = f"{OUTLINE}, joints, confidence"
+
+
+def check_size(frames: int, joints: int, source: str) -> None:
+    """Refuse what is no clip of an action.
+
+    Raises:
+        ClipError: too many frames or joints.
+    """
+    size = frames * joints * 12
+    if joints > MOST_JOINTS or size > LARGEST_CLIP_BYTES:
+        raise ClipError(
+            f"{file_name(source) or 'clip'}: {frames} frames of {joints} joints are too much for "
+            f"an example (at most {MOST_JOINTS} joints and {LARGEST_CLIP_BYTES >> 20} MB); "
+            "cut the action out of the recording."
+        )
+
+
+def _content_checksum(
+    fps: float, names: tuple[str, ...], joints: bytes, confidence: bytes | None
+) -> str:
+    head = json.dumps([fps, names, confidence is not None], separators=(",", ":"))
+    digest = hashlib.sha256(head.encode())
+    digest.update(joints)
+    digest.update(confidence or b"")
+    return digest.hexdigest()

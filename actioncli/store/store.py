@@ -1,0 +1,360 @@
+"""The support set on disk: what was enrolled, in one SQLite file."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from actioncli.errors import StoreError, SupportError, UsageError
+from actioncli.store.cache import damaged_embeddings, keep_embeddings, read_embeddings
+from actioncli.store.database import reading, writing
+from actioncli.store.examples import (
+    Enrolled,
+    holds_negatives,
+    insert,
+    known,
+    read_outlines,
+    read_record,
+)
+from actioncli.store.location import exists, folder_open_to_others, open_to_others, store_path
+from actioncli.store.names import check_label
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from actioncli.clips.clip import Clip
+    from actioncli.store.record import Record
+
+__all__ = ["Action", "Enrolled", "Example", "SupportStore"]
+
+
+@dataclass(frozen=True)
+class Example:
+    """One enrolled clip; `added` is in UTC (ISO 8601), `checksum` the SHA-256 of its content."""
+
+    id: int
+    label: str
+    negative: bool
+    source: str
+    checksum: str
+    frames: int
+    joints: int
+    fps: float
+    added: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Action:
+    """One label: how many examples it has, how long they last together, when the last came."""
+
+    label: str
+    examples: int
+    seconds: float
+    last_added: str
+    negative: bool
+
+
+class SupportStore:
+    """The enrolled examples: actions to recognise, and negatives that must never be accepted.
+
+    Every method is one transaction. A store that does not exist yet is an empty support set, and
+    only what adds to it creates it. A label holds either an action or negatives.
+
+    Args:
+        path: the file; `$ACTIONCLI_HOME/support.db` where None, else the user's data folder.
+
+    Raises:
+        StoreError: from every method, where the file cannot be opened, read or written.
+    """
+
+    def __init__(self, path: str | Path | None = None) -> None:
+        self.path = store_path(path)
+
+    def __enter__(self) -> SupportStore:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Nothing to do: no file stays open between two calls."""
+
+    def __repr__(self) -> str:
+        return f"SupportStore({str(self.path)!r})"
+
+    def enroll(self, label: str, clip: Clip, note: str = "", negative: bool = False) -> Enrolled:
+        """Keep a clip as an example of an action. When this returns, it is on the disk.
+
+        Raises:
+            UsageError: the label is not allowed, or holds the other kind of examples.
+            ClipError: the clip is too large to keep, or its joint names are not printable.
+        """
+        return self.enroll_all([(label, clip)], note, negative)[0]
+
+    def enroll_all(
+        self, clips: Iterable[tuple[str, Clip]], note: str = "", negative: bool = False
+    ) -> list[Enrolled]:
+        """Keep all of the labelled clips, or none; one answer for each, in order.
+
+        Raises:
+            UsageError, ClipError: as `enroll`.
+        """
+        from actioncli.store.record import Record
+
+        # Everything that can fail or take long is done before the store is locked.
+        records = [Record.from_clip(label, clip, note, negative) for label, clip in clips]
+        if not records:
+            return []
+        with writing(self.path) as db:
+            return [insert(db, record) for record in records]
+
+    def actions(self) -> list[Action]:
+        """What is enrolled, by label."""
+        with reading(self.path) as db:
+            rows = db and db.execute(
+                "SELECT label, count(*), total((frames - 1) / fps), max(added), max(negative) "
+                "FROM examples GROUP BY label ORDER BY label"
+            )
+            return [
+                Action(label, examples, seconds, added, bool(negative))
+                for label, examples, seconds, added, negative in rows or ()
+            ]
+
+    def examples(self, label: str | None = None) -> list[Example]:
+        """The examples of a label, or all, by label and in the order of enrolment.
+
+        Raises:
+            SupportError: the label is not enrolled.
+        """
+        with reading(self.path) as db:
+            if label is not None:
+                label = known(db, label)
+            rows = db and db.execute(
+                "SELECT id, label, negative, source, checksum, frames, joint_count, fps, added, "
+                "note FROM examples WHERE ?1 IS NULL OR label = ?1 ORDER BY label, id",
+                (label,),
+            )
+            return [Example(row[0], row[1], bool(row[2]), *row[3:]) for row in rows or ()]
+
+    def clip(self, example: int) -> Clip:
+        """The clip of an example.
+
+        Raises:
+            SupportError: there is no such example.
+        """
+        with reading(self.path) as db:
+            record = read_record(db, self.path, example) if db else None
+        if record is None:
+            raise SupportError(
+                f"There is no example {example} in {self.path}; `actioncli show LABEL` lists "
+                "those of an action."
+            )
+        return record.clip()
+
+    def support(self) -> dict[str, list[Clip]]:
+        """The clips of each action, in the order of enrolment; without the negatives."""
+        clips: dict[str, list[Clip]] = {}
+        for record in self._records(negative=False):
+            clips.setdefault(record.label, []).append(record.clip())
+        return {label: clips[label] for label in sorted(clips)}
+
+    def negatives(self) -> list[Clip]:
+        """The clips that must never be accepted, in the order of enrolment."""
+        return [record.clip() for record in self._records(negative=True)]
+
+    def embeddings(
+        self,
+        weights_checksum: str,
+        embed: Callable[[Sequence[Clip]], NDArray[np.float32]],
+        negative: bool = False,
+    ) -> dict[str, NDArray[np.float32]]:
+        """The embeddings of each label's examples, computed where the store has none yet.
+
+        New ones are kept, if the store can be written, and those of other weights are dropped.
+        Each clip is embedded by itself: what is kept does not depend on which clips came
+        together.
+
+        Args:
+            weights_checksum: names the weights with which `embed` computes.
+            embed: N clips to (N, F, E) float32.
+            negative: whether the negatives are wanted instead of the actions.
+
+        Returns:
+            For each label, by name, the (n, F, E) float32 of its examples in the order of
+            enrolment.
+        """
+        import numpy as np
+
+        with reading(self.path) as db:
+            if db is None:
+                return {}
+            labels, found = read_embeddings(db, weights_checksum, negative)
+            missing = {
+                example: read_record(db, self.path, example)
+                for example in labels
+                if example not in found
+            }
+        # The store is not locked while embeddings are computed.
+        fresh = {
+            example: np.asarray(embed([record.clip()])[0], "<f4")
+            for example, record in missing.items()
+            if record is not None
+        }
+        if fresh:
+            keep_embeddings(self.path, weights_checksum, fresh)
+        by_label: dict[str, list[NDArray[np.float32]]] = {}
+        for example, label in labels.items():
+            embedding = found[example] if example in found else fresh[example]
+            by_label.setdefault(label, []).append(embedding)
+        return {label: np.stack(by_label[label]) for label in sorted(by_label)}
+
+    def remove(self, label: str, example: int | None = None) -> int:
+        """Forget a label, or one example of it; how many examples are gone.
+
+        Raises:
+            SupportError: the label is not enrolled, or the example is none of its.
+        """
+        with reading(self.path) as db:
+            known(db, label)  # an unknown label must not create the store
+        with writing(self.path) as db:
+            label = known(db, label)
+            removed = db.execute(
+                "DELETE FROM examples WHERE label = ?1 AND (?2 IS NULL OR id = ?2)",
+                (label, example),
+            ).rowcount
+            if not removed:
+                raise SupportError(
+                    f"`{label}` has no example {example}; `actioncli show` lists those it has."
+                )
+            return removed
+
+    def rename(self, old: str, new: str) -> int:
+        """Give a label another name; how many examples it has.
+
+        Raises:
+            SupportError: the label is not enrolled.
+            UsageError: the new one is not allowed, or is enrolled already.
+        """
+        new = check_label(new)
+        with reading(self.path) as db:
+            known(db, old)  # an unknown label must not create the store
+        with writing(self.path) as db:
+            old = known(db, old)
+            if new != old and holds_negatives(db, new) is not None:
+                raise UsageError(
+                    f"`{new}` is enrolled already; remove it first or choose another name."
+                )
+            return db.execute("UPDATE examples SET label = ? WHERE label = ?", (new, old)).rowcount
+
+    def clear(self) -> int:
+        """Forget all examples; how many there were. Settings stay."""
+        with reading(self.path) as db:
+            if db is None:
+                return 0
+        with writing(self.path) as db:
+            return db.execute("DELETE FROM examples").rowcount
+
+    def export(self, path: str | Path) -> int:
+        """Write all examples to one portable file; how many there are.
+
+        The format is described in `actioncli.store.archive`. An older export of that name is
+        replaced, any other file is not.
+
+        Raises:
+            SupportError: nothing is enrolled.
+            StoreError: the file cannot be written, or something else of that name is there.
+        """
+        from actioncli.store.archive import Entry, write_archive
+
+        with reading(self.path) as db:
+            outlines = read_outlines(db, self.path) if db else []
+            if db is None or not outlines:
+                raise SupportError(f"Nothing is enrolled in {self.path}: nothing to export.")
+            records = (read_record(db, self.path, example) for example, _, _ in outlines)
+            write_archive(
+                Path(path).absolute(),
+                [Entry(outline, confidence) for _, outline, confidence in outlines],
+                (record for record in records if record is not None),
+            )
+        return len(outlines)
+
+    def import_(self, path: str | Path) -> tuple[int, int]:
+        """Add the examples of an export; how many were added, and how many were there already.
+
+        All of them or none: a file that is damaged or hostile is refused whole.
+
+        Raises:
+            StoreError: the file cannot be read as an export, or clashes with the store.
+        """
+        from actioncli.store.archive import read_archive
+
+        path = Path(path).absolute()
+        # Once to the end before the store is created or locked, and once more to add.
+        if sum(1 for _ in read_archive(path)) == 0:
+            return 0, 0
+        with writing(self.path) as db:
+            try:
+                outcomes = [insert(db, record).added for record in read_archive(path)]
+            except UsageError as error:
+                raise StoreError(f"{path}: {error} Nothing was imported.") from error
+        return sum(outcomes), len(outcomes) - sum(outcomes)
+
+    def setting(self, name: str) -> str | None:
+        """A value that was set before, or None."""
+        with reading(self.path) as db:
+            row = db and db.execute("SELECT value FROM settings WHERE name = ?", (name,)).fetchone()
+            return str(row[0]) if row else None
+
+    def set_setting(self, name: str, value: str | None) -> None:
+        """Remember a value; None forgets it."""
+        with writing(self.path) as db:
+            if value is None:
+                db.execute("DELETE FROM settings WHERE name = ?", (name,))
+            else:
+                db.execute("INSERT OR REPLACE INTO settings VALUES (?, ?)", (name, value))
+
+    def check(self) -> list[str]:
+        """What is wrong with the store, a line for each problem; empty where all is well.
+
+        Looks at the database's structure, every example's content and checksum, the cached
+        embeddings, and who may read the file.
+        """
+        problems: list[str] = []
+        try:
+            if not exists(self.path):
+                return []
+            if open_to_others(self.path):
+                problems.append(f"{self.path} is open to other users: chmod 600 it.")
+            if folder_open_to_others(self.path):
+                problems.append(f"Other users may replace {self.path}: chmod 700 its folder.")
+            with reading(self.path) as db:
+                if db is not None:
+                    problems.extend(self._damage(db))
+        except StoreError as error:
+            problems.append(str(error))
+        return problems
+
+    def _damage(self, db: sqlite3.Connection) -> Iterator[str]:
+        for (message,) in db.execute("PRAGMA integrity_check"):
+            if message != "ok":
+                yield f"{self.path}: {message}"
+        orphans = len(db.execute("PRAGMA foreign_key_check").fetchall())
+        if orphans:
+            yield f"{self.path}: {orphans} embeddings belong to no example."
+        for (example,) in db.execute("SELECT id FROM examples ORDER BY id").fetchall():
+            try:
+                read_record(db, self.path, example)
+            except StoreError as error:
+                yield str(error)
+        for example in damaged_embeddings(db):
+            yield f"{self.path}: the embedding of example {example} is damaged; it is not used."
+
+    def _records(self, negative: bool) -> list[Record]:
+        with reading(self.path) as db:
+            if db is None:
+                return []
+            rows = db.execute("SELECT id FROM examples WHERE negative = ? ORDER BY id", (negative,))
+            records = [read_record(db, self.path, example) for (example,) in rows.fetchall()]
+        return [record for record in records if record is not None]
