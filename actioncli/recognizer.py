@@ -82,13 +82,13 @@ class Recognizer:
 
     name = "trx-os"
 
-    def __init__(self, weights: str | Path | None = None) -> None:
-        """Load weights; without a path those that came with the package.
+    def __init__(self, weights: Weights | str | Path | None = None) -> None:
+        """Take weights, or read them; without a path those that came with the package.
 
         Raises:
             WeightsError: the weights cannot be read.
         """
-        self.weights: Weights = read_weights(weights)
+        self.weights = weights if isinstance(weights, Weights) else read_weights(weights)
 
     def embed(self, clips: Sequence[Clip]) -> FloatArray:
         """What comparison needs of each clip.

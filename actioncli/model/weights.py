@@ -30,8 +30,8 @@ class Weights:
         config: how to prepare clips and which tensors there are.
         tensors: float32 arrays by name, see `trx_os.parameter_shapes`.
         metadata: recipe, seed, steps, figures, sources, as plain JSON values.
-        checksum: SHA-256 over configuration and tensors, hexadecimal; embeddings of one
-            checksum are not comparable with those of another.
+        checksum: SHA-256 over configuration, metadata and tensors, hexadecimal; embeddings of
+            one checksum are not comparable with those of another.
         path: the file they were read from.
     """
 
@@ -63,13 +63,14 @@ def write_weights(
     from safetensors.numpy import save
 
     stored = {name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()}
-    checksum = _checksum(config, stored)
+    told = json.dumps(dict(metadata), sort_keys=True)
+    checksum = _checksum(config, told, stored)
     header = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
         "config": config.to_json(),
+        "metadata": told,
         "checksum": checksum,
-        "metadata": json.dumps(dict(metadata), sort_keys=True),
     }
     part = path.with_name(path.name + ".part")
     try:
@@ -111,8 +112,8 @@ def read_weights(path: str | Path | None = None) -> Weights:
         )
     try:
         config = ModelConfig.from_json(header["config"])
-        metadata = json.loads(header["metadata"])
-        checksum = header["checksum"]
+        told, checksum = header["metadata"], header["checksum"]
+        metadata = json.loads(told)
     except (KeyError, ValueError) as error:
         raise WeightsError(f"{file}: the header is damaged ({error}).") from error
     except WeightsError as error:
@@ -120,14 +121,14 @@ def read_weights(path: str | Path | None = None) -> Weights:
     shapes = {name: tensor.shape for name, tensor in stored.items()}
     if shapes != parameter_shapes(config):
         raise WeightsError(f"{file}: tensors do not fit the configuration in the header.")
-    if checksum != _checksum(config, stored):
+    if checksum != _checksum(config, told, stored):
         raise WeightsError(f"{file}: damaged, the checksum does not match the content.")
     tensors = {name: tensor.astype(np.float32, copy=False) for name, tensor in stored.items()}
     return Weights(config, tensors, metadata, checksum, file)
 
 
-def _checksum(config: ModelConfig, tensors: Mapping[str, np.ndarray[Any, Any]]) -> str:
-    digest = hashlib.sha256(config.to_json().encode())
+def _checksum(config: ModelConfig, told: str, tensors: Mapping[str, np.ndarray[Any, Any]]) -> str:
+    digest = hashlib.sha256(f"{config.to_json()}\n{told}\n".encode())
     for name in sorted(tensors):
         tensor = tensors[name]
         digest.update(f"{name} {tensor.dtype.str} {tensor.shape}".encode())

@@ -1,0 +1,106 @@
+"""Checkpoints: a run's whole state in one safetensors file, so that it can go on exactly."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from actioncli.errors import WeightsError
+
+
+@dataclass(slots=True)
+class TrainingState:
+    """State after `step` steps.
+
+    Attributes:
+        params: the model's tensors.
+        optimizer: Adam over `params`, in their order.
+        best: the tensors that did best on the validation classes so far.
+        score: the validation score of `best`.
+        history: one entry for each look at the validation classes.
+    """
+
+    step: int
+    params: dict[str, Tensor]
+    optimizer: torch.optim.AdamW
+    best: dict[str, Tensor]
+    score: float
+    history: list[dict[str, Any]]
+
+
+def save_checkpoint(path: Path, state: TrainingState, fingerprint: str) -> None:
+    """Replace the checkpoint at once: a kill leaves the old one or the new one."""
+    from safetensors.torch import save_file
+
+    tensors = {f"param/{name}": tensor.detach() for name, tensor in state.params.items()}
+    tensors |= {f"best/{name}": tensor for name, tensor in state.best.items()}
+    for name, tensor in state.params.items():
+        for key, moment in state.optimizer.state[tensor].items():
+            tensors[f"adam/{key}/{name}"] = moment
+    header = {
+        "fingerprint": fingerprint,
+        "step": str(state.step),
+        "score": repr(state.score),
+        "history": json.dumps(state.history),
+    }
+    part = path.with_name(path.name + ".part")
+    try:
+        save_file({name: t.contiguous() for name, t in tensors.items()}, part, metadata=header)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise WeightsError(f"{path}: cannot write the checkpoint: {error.strerror}.") from error
+
+
+def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
+    """The state to go on from, or None where there is no checkpoint.
+
+    Raises:
+        WeightsError: the checkpoint is damaged or belongs to another run.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    if not path.exists():
+        return None
+    try:
+        with safe_open(path, framework="pt") as opened:
+            header = opened.metadata() or {}
+            tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise WeightsError(f"{path}: damaged checkpoint ({error}); delete it.") from error
+    if header.get("fingerprint") != fingerprint:
+        raise WeightsError(
+            f"{path}: the checkpoint of a run with another recipe, seed or data; "
+            "delete it to begin anew, or name another --out."
+        )
+
+    def group(prefix: str) -> dict[str, Tensor]:
+        return {
+            name.removeprefix(prefix): tensor
+            for name, tensor in tensors.items()
+            if name.startswith(prefix)
+        }
+
+    params = {name: tensor.requires_grad_() for name, tensor in group("param/").items()}
+    optimizer = new_optimizer(params)
+    for key in ("step", "exp_avg", "exp_avg_sq"):
+        for name, moment in group(f"adam/{key}/").items():
+            optimizer.state[params[name]][key] = moment
+    return TrainingState(
+        step=int(header["step"]),
+        params=params,
+        optimizer=optimizer,
+        best=group("best/"),
+        score=float(header["score"]),
+        history=json.loads(header["history"]),
+    )
+
+
+def new_optimizer(params: dict[str, Tensor]) -> torch.optim.AdamW:
+    """AdamW; its rate is set at every step."""
+    return torch.optim.AdamW(list(params.values()), weight_decay=0.01)

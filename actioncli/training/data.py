@@ -1,0 +1,127 @@
+"""What training draws from: clips of many classes, with some classes held out for validation."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip
+from actioncli.clips.collection import Collection
+from actioncli.errors import UsageError
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """N clips with their class, performer and collection as numbers.
+
+    Attributes:
+        clips: N clips.
+        labels, subjects, collections: (N,) numbers of class, performer and source; a class or
+            performer of one collection is never the same as one of another.
+        classes: names of the classes, `collection/label`.
+    """
+
+    clips: tuple[Clip, ...]
+    labels: Indices
+    subjects: Indices
+    collections: Indices
+    classes: tuple[str, ...]
+
+    @cached_property
+    def members(self) -> dict[int, Indices]:
+        """The clips of each class."""
+        return {int(c): np.flatnonzero(self.labels == c) for c in np.unique(self.labels)}
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 over clips and labels: a run may only go on with the data it began with."""
+        digest = hashlib.sha256(repr((self.classes, self.labels.tolist())).encode())
+        for clip in self.clips:
+            digest.update(clip.joints.data)
+        return digest.hexdigest()
+
+    def of_classes(self, classes: Sequence[int]) -> TrainingSet:
+        """The clips of some classes."""
+        rows = np.flatnonzero(np.isin(self.labels, classes))
+        return TrainingSet(
+            tuple(self.clips[row] for row in rows),
+            self.labels[rows],
+            self.subjects[rows],
+            self.collections[rows],
+            self.classes,
+        )
+
+
+def training_set(
+    collections: Sequence[Collection], split: Mapping[str, Sequence[str]] | None = None
+) -> TrainingSet:
+    """Join collections.
+
+    Args:
+        collections: what to train on.
+        split: collection name to the classes to use; None uses all classes.
+
+    Raises:
+        UsageError: a collection that the split does not name, or nothing left.
+    """
+    clips: list[Clip] = []
+    labels: list[str] = []
+    subjects: list[str] = []
+    sources: list[int] = []
+    for number, collection in enumerate(collections):
+        if split is not None and collection.name not in split:
+            raise UsageError(
+                f"the split does not name the collection {collection.name!r}; it names "
+                f"{', '.join(split)}."
+            )
+        wanted = None if split is None else set(split[collection.name])
+        for clip, label, subject in zip(
+            collection.clips, collection.labels, collection.subjects, strict=True
+        ):
+            if wanted is None or label in wanted:
+                clips.append(clip)
+                labels.append(f"{collection.name}/{label}")
+                subjects.append(f"{collection.name}/{subject}")
+                sources.append(number)
+    if not clips:
+        raise UsageError("no clips to train on: the collections hold none of the split's classes.")
+    classes, class_of = np.unique(labels, return_inverse=True)
+    return TrainingSet(
+        tuple(clips),
+        class_of.astype(np.int64),
+        np.unique(subjects, return_inverse=True)[1].astype(np.int64),
+        np.array(sources, np.int64),
+        tuple(str(name) for name in classes),
+    )
+
+
+def hold_out(data: TrainingSet, share: float, seed: int) -> tuple[TrainingSet, TrainingSet]:
+    """Split classes into training and validation ones.
+
+    In each collection whose classes are performed by several people, `share` of the classes (at
+    least 2, where more than 4 are there) is held out; the rest of the world must be learned
+    without them.
+
+    Returns:
+        training and validation set, without a class in common.
+    """
+    rng = np.random.default_rng([seed, 0x5E1])
+    held: list[int] = []
+    for source in np.unique(data.collections):
+        classes = [
+            c
+            for c, rows in data.members.items()
+            if data.collections[rows[0]] == source and len(np.unique(data.subjects[rows])) > 1
+        ]
+        if len(classes) > 4:
+            count = max(2, round(share * len(classes)))
+            held += rng.choice(classes, count, replace=False).tolist()
+    kept = [c for c in data.members if c not in held]
+    return data.of_classes(kept), data.of_classes(held)

@@ -1,0 +1,187 @@
+"""The training loop: episodes, steps, looks at validation classes, checkpoints."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from actioncli._version import __version__
+from actioncli.clips.prepare import prepare
+from actioncli.errors import UsageError
+from actioncli.model.config import ModelConfig
+from actioncli.model.trx_os import parameter_shapes
+from actioncli.model.weights import Weights, write_weights
+from actioncli.training.checkpoint import (
+    TrainingState,
+    load_checkpoint,
+    new_optimizer,
+    save_checkpoint,
+)
+from actioncli.training.data import TrainingSet
+from actioncli.training.episodes import draw_episodes
+from actioncli.training.losses import episode_loss
+from actioncli.training.recipes import Recipe
+from actioncli.training.validation import Validation
+
+CHECKPOINT_SECONDS = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a progress line tells after a step.
+
+    Attributes:
+        step, steps: how far the run is.
+        loss, accuracy: running means over about the last 50 steps.
+        seconds_left: at the pace since this process began.
+        validation: figures of the last look at the validation classes, if any.
+    """
+
+    step: int
+    steps: int
+    loss: float
+    accuracy: float
+    seconds_left: float
+    validation: dict[str, float] | None
+
+
+def train(
+    recipe: Recipe,
+    data: TrainingSet,
+    validation: Validation,
+    out: Path,
+    seed: int,
+    sources: Sequence[str],
+    report: Callable[[Progress], None] = lambda _: None,
+) -> Path:
+    """Train, or go on with an interrupted run, and write the best weights.
+
+    The state is kept in `OUT.checkpoint` at least once a minute, at every validation and on
+    Ctrl-C; it is deleted when the run is complete. A resumed run ends with the same weights as
+    one that was never interrupted (same machine, same number of threads).
+
+    Args:
+        recipe: what to do.
+        data: training clips.
+        validation: clips of other classes; the weights that do best on them are kept.
+        out: where the weights go.
+        seed: of initial tensors and episodes.
+        sources: names of the collections, for the header.
+        report: called after each step.
+
+    Raises:
+        UsageError: too few classes for the recipe's episodes.
+        WeightsError: weights or checkpoint cannot be written, or belong to another run.
+    """
+    usable = sum(len(rows) > 1 for rows in data.members.values())
+    if usable <= recipe.ways:
+        raise UsageError(
+            f"recipe {recipe.name} needs more than {recipe.ways} classes with at least 2 clips "
+            f"to train on; the collections have {usable}."
+        )
+    checkpoint = out.with_name(out.name + ".checkpoint")
+    identity = [recipe.as_json(), seed, data.fingerprint, validation.data.fingerprint]
+    fingerprint = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    state = load_checkpoint(checkpoint, fingerprint) or _new_state(recipe.config, seed)
+    frames = torch.from_numpy(
+        np.stack([prepare(clip, recipe.config.preparation) for clip in data.clips])
+    )
+    begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
+    loss = accuracy = 0.0
+    try:
+        while state.step < recipe.steps:
+            rng = np.random.default_rng([seed, state.step])
+            episodes = draw_episodes(data, recipe.batch, recipe.ways, rng)
+            result = episode_loss(
+                state.params,
+                recipe.config,
+                frames[torch.from_numpy(episodes.support)],
+                frames[torch.from_numpy(episodes.queries)],
+                torch.from_numpy(episodes.targets),
+                recipe.sigma,
+            )
+            result.loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
+            for group in state.optimizer.param_groups:
+                group["lr"] = _rate(recipe, state.step)
+            state.optimizer.step()
+            state.optimizer.zero_grad()
+            state.step += 1
+            done = state.step - first_step
+            blend = max(1 / 50, 1 / done)
+            loss += blend * (float(result.loss) - loss)
+            accuracy += blend * (result.accuracy - accuracy)
+            if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
+                _validate(state, recipe.config, validation)
+            if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                save_checkpoint(checkpoint, state, fingerprint)
+                saved = time.monotonic()
+            pace = (time.monotonic() - begun) / done
+            report(
+                Progress(
+                    state.step,
+                    recipe.steps,
+                    loss,
+                    accuracy,
+                    pace * (recipe.steps - state.step),
+                    state.history[-1] if state.history else None,
+                )
+            )
+    except KeyboardInterrupt:
+        save_checkpoint(checkpoint, state, fingerprint)
+        raise
+    best = max(state.history, key=lambda entry: entry["score"])
+    metadata: dict[str, Any] = {
+        "actioncli": __version__,
+        "recipe": recipe.as_json(),
+        "seed": seed,
+        "best_step": best["step"],
+        "validation": best,
+        "classes": len(data.members),
+        "clips": len(data.clips),
+        "sources": list(sources),
+    }
+    arrays = {name: tensor.numpy() for name, tensor in state.best.items()}
+    write_weights(out, recipe.config, arrays, metadata)
+    checkpoint.unlink(missing_ok=True)
+    return out
+
+
+def _validate(state: TrainingState, config: ModelConfig, validation: Validation) -> None:
+    tensors = {name: tensor.detach().clone() for name, tensor in state.params.items()}
+    arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
+    figures = validation.figures(Weights(config, arrays, {}, f"step-{state.step}", Path()))
+    state.history.append({"step": state.step, **asdict(figures)})
+    if figures.score > state.score:
+        state.score, state.best = figures.score, tensors
+
+
+def _rate(recipe: Recipe, step: int) -> float:
+    warm = min(1.0, (step + 1) / 100)
+    return recipe.rate * warm * 0.5 * (1 + math.cos(math.pi * step / recipe.steps))
+
+
+def _new_state(config: ModelConfig, seed: int) -> TrainingState:
+    """Uniform in ±1/√(inputs of the layer), norms at one: PyTorch's usual start."""
+    rng = np.random.default_rng([seed, 0x1417])
+    params: dict[str, Tensor] = {}
+    fan_in = 1
+    for name, shape in parameter_shapes(config).items():
+        if name.endswith("scale"):
+            values = np.ones(shape)
+        elif name.endswith("shift"):
+            values = np.zeros(shape)
+        else:
+            fan_in = shape[0] if len(shape) == 2 else fan_in
+            values = rng.uniform(-1, 1, shape) / math.sqrt(fan_in)
+        params[name] = torch.tensor(values, dtype=torch.float32, requires_grad=True)
+    return TrainingState(0, params, new_optimizer(params), {}, -math.inf, [])

@@ -1,0 +1,69 @@
+"""The paper's losses, on torch tensors; the forward pass is the one of inference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from actioncli.model import trx_os
+from actioncli.model.config import ModelConfig
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepResult:
+    """Loss to descend, and what the progress line tells."""
+
+    loss: Tensor
+    accuracy: float
+
+
+def episode_loss(
+    params: dict[str, Tensor],
+    config: ModelConfig,
+    support: Tensor,
+    queries: Tensor,
+    targets: Tensor,
+    sigma: float,
+) -> StepResult:
+    """Cross-entropy over -T, plus sigma times the discriminator's binary cross-entropy.
+
+    The discriminator learns from the z known queries whose nearest action is right (it should
+    say yes) and from z unknown ones against their nearest action (it should say no).
+
+    Args:
+        support: (B, K, F, J, 3) prepared frames, one clip per action.
+        queries: (B, Q, F, J, 3).
+        targets: (B, Q) place of the query's action, -1 for an unknown one.
+        sigma: weight of the discriminator's part.
+    """
+    batch, ways = support.shape[:2]
+    asked = queries.shape[1]
+    frames = torch.cat([support, queries], dim=1).flatten(0, 1)
+    keys, values = (
+        pairs.unflatten(0, (batch, ways + asked))
+        for pairs in trx_os.pairs(params, config, trx_os.embed(params, config, frames))
+    )
+    pair_count = keys.shape[2]
+    # All queries of an episode attend to a support clip in one product: (B, K, Q·P, W).
+    query_keys = keys[:, ways:].flatten(1, 2)[:, None]
+    prototype = trx_os.prototypes(query_keys, keys[:, :ways], values[:, :ways])
+    prototype = prototype.unflatten(2, (asked, pair_count)).transpose(1, 2)
+    difference = values[:, ways:, None] - prototype  # (B, Q, K, P, W)
+    distances = trx_os.distance(config, difference)
+    known = targets >= 0
+    loss = functional.cross_entropy(-distances[known], targets[known])
+    nearest = distances.argmin(dim=2)
+    right = known & (nearest == targets)
+    chosen = difference.gather(
+        2, nearest[..., None, None, None].expand(-1, -1, 1, *difference.shape[3:])
+    )[:, :, 0]
+    yes, no = chosen[right], chosen[~known]
+    z = min(len(yes), len(no))
+    if z:
+        logits = trx_os.discriminator(params, torch.cat([yes[:z], no[:z]]))
+        answers = torch.cat([torch.ones(z), torch.zeros(z)])
+        loss = loss + sigma * functional.binary_cross_entropy_with_logits(logits, answers)
+    return StepResult(loss, float(right.sum() / known.sum()))
