@@ -1,0 +1,71 @@
+"""Record one clip of an action; recognise it in new clips; reject everything else.
+
+The names below are imported when they are first used, so that `import actioncli` costs next to
+nothing and a command that needs no numpy does not load it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from actioncli._version import __version__
+from actioncli.errors import (
+    ActionCliError,
+    AmbiguousClipError,
+    ClipError,
+    StoreError,
+    SupportError,
+    UsageError,
+    WeightsError,
+)
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
+    from actioncli.clips.collection import Collection, read_collection
+    from actioncli.clips.read import read_clip
+    from actioncli.recognizer import Comparison, Decision, Recognizer
+    from actioncli.store.store import SupportStore
+
+__all__ = [
+    "ActionCliError",
+    "AmbiguousClipError",
+    "Clip",
+    "ClipError",
+    "Collection",
+    "Comparison",
+    "Decision",
+    "Recognizer",
+    "StoreError",
+    "SupportError",
+    "SupportStore",
+    "UsageError",
+    "WeightsError",
+    "__version__",
+    "read_clip",
+    "read_collection",
+]
+
+_MODULE_OF = {
+    "Clip": "actioncli.clips.clip",
+    "Collection": "actioncli.clips.collection",
+    "read_collection": "actioncli.clips.collection",
+    "read_clip": "actioncli.clips.read",
+    "Comparison": "actioncli.recognizer",
+    "Decision": "actioncli.recognizer",
+    "Recognizer": "actioncli.recognizer",
+    "SupportStore": "actioncli.store.store",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name at its first use (PEP 562)."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

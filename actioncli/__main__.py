@@ -1,0 +1,17 @@
+"""Entry point of the `actioncli` command and of `python -m actioncli`."""
+
+import sys
+
+
+def main() -> None:
+    """Run the command line; ends the process with one of the exit codes of `--help`."""
+    try:
+        from actioncli.cli.app import app
+    except KeyboardInterrupt:
+        # Ctrl-C while the imports still run, before the application can answer it.
+        sys.exit(130)
+    app(prog_name="actioncli")
+
+
+if __name__ == "__main__":
+    main()

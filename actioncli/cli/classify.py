@@ -1,0 +1,171 @@
+"""`classify`: say which action a clip shows, or that it shows none."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from actioncli.cli.common import (
+    ClipArguments,
+    FpsOption,
+    LayoutOption,
+    Reading,
+    Settings,
+    UnitOption,
+    UpOption,
+    WeightsOption,
+    checked_tau,
+    command,
+    each_clip,
+    report_bad_clip,
+    tell_notes,
+)
+from actioncli.cli.output import error_entry, number, printable, say, table, write_json
+from actioncli.errors import ClipError, SupportError
+
+if TYPE_CHECKING:
+    from actioncli.recognizer import Decision
+    from actioncli.store.store import SupportStore
+
+
+@command
+def classify(
+    settings: Settings,
+    clips: ClipArguments,
+    tau: Annotated[
+        float | None,
+        typer.Option(
+            metavar="0..1",
+            help="Accept where the confidence is above it.  [default: the calibrated one, "
+            "else 0.5]",
+            show_default=False,
+        ),
+    ] = None,
+    top: Annotated[int, typer.Option(metavar="N", min=0, help="Length of the ranking.")] = 5,
+    weights: WeightsOption = None,
+    layout: LayoutOption = None,
+    unit: UnitOption = None,
+    up: UpOption = None,
+    fps: FpsOption = None,
+) -> None:
+    """Name the action that clips show, or reject them.
+
+    The nearest action is accepted if its confidence is above the threshold tau. Beside it stand
+    the N nearest actions with their distance, their probability among all enrolled actions, and
+    the confidence that the clip shows them whatever else is enrolled. A clip that cannot be used
+    is reported, and the others are still classified.
+
+    \b
+    Examples:
+      actioncli classify query.npy
+      actioncli classify recordings/ --tau 0.7 --top 3
+      actioncli classify 'day2/*.npy' --json
+
+    \b
+    JSON keys:
+      tau, actions, clips, accepted, rejected, failed
+      clips[]: source, label, accepted, confidence, tau, nearest, ranking, ms, notes, error
+      clips[].ranking[]: label, distance, probability, confidence
+      clips[].error: type, message, exit_code
+    """
+    from actioncli.recognizer import Recognizer
+
+    if tau is not None:
+        checked_tau(tau)
+    reading = Reading(layout, unit, up, fps)
+    recognizer = Recognizer(weights)
+    with settings.open_store() as store:
+        support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
+        if tau is None:
+            tau = _stored_tau(store)
+    if not support:
+        raise SupportError(
+            "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
+        )
+
+    entries: list[dict[str, object]] = []
+    failed = rejected = 0
+    streams = not settings.json and sys.stdout.isatty()
+    for path, error in each_clip(settings, clips, "Classifying", shown=not streams):
+        start = time.perf_counter()
+        try:
+            if error is not None:
+                raise error
+            decision = recognizer.classify(reading.read(path), support, tau)
+        except ClipError as unusable:
+            failed += 1
+            report_bad_clip(unusable)
+            entries.append(
+                {"source": str(path), "error": error_entry(unusable, unusable.exit_code)}
+            )
+            continue
+        milliseconds = (time.perf_counter() - start) * 1e3
+        rejected += not decision.accepted
+        if settings.json:
+            entries.append(_entry(str(path), decision, top, milliseconds))
+        else:
+            tell_notes(settings, path, decision.notes)
+            _print(str(path), decision, 0 if settings.quiet else top, milliseconds)
+    if settings.json:
+        write_json(
+            {
+                "tau": number(tau),
+                "actions": len(support),
+                "clips": entries,
+                "accepted": len(entries) - rejected - failed,
+                "rejected": rejected,
+                "failed": failed,
+            }
+        )
+    if failed:
+        raise typer.Exit(ClipError.exit_code)
+    if rejected:
+        raise typer.Exit(1)
+
+
+def _stored_tau(store: SupportStore) -> float:
+    from actioncli.recognizer import DEFAULT_TAU
+
+    calibrated = store.setting("tau")
+    return DEFAULT_TAU if calibrated is None else float(calibrated)
+
+
+def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> dict[str, object]:
+    return {
+        "source": source,
+        "label": decision.label,
+        "accepted": decision.accepted,
+        "confidence": number(decision.confidence),
+        "tau": number(decision.tau),
+        "nearest": decision.nearest,
+        "ranking": [
+            {
+                "label": ranked.label,
+                "distance": number(ranked.distance),
+                "probability": number(ranked.probability),
+                "confidence": number(ranked.confidence),
+            }
+            for ranked in decision.ranking[:top]
+        ],
+        "ms": number(milliseconds),
+        "notes": list(decision.notes),
+    }
+
+
+def _print(source: str, decision: Decision, top: int, milliseconds: float) -> None:
+    sign = ">" if decision.accepted else "<="
+    say(
+        f"{printable(source)}: "
+        f"{'rejected' if decision.label is None else printable(decision.label)}"
+        f"  (nearest {printable(decision.nearest)}, confidence {decision.confidence:.2f} "
+        f"{sign} tau {decision.tau:.2f}, {milliseconds:.0f} ms)"
+    )
+    if top:
+        rows = [
+            (ranked.label, ranked.distance, ranked.probability, ranked.confidence)
+            for ranked in decision.ranking[:top]
+        ]
+        say(table(("action", "distance", "probability", "confidence"), rows, indent="    "))

@@ -1,0 +1,231 @@
+"""What the commands share: the options that all of them take, and how clips are named and read."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
+
+import typer
+
+from actioncli.cli.output import note, printable, progress
+from actioncli.errors import ActionCliError, ClipError, UsageError
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
+    from actioncli.store.store import SupportStore
+
+P = ParamSpec("P")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The options that every command takes, before its name or after it.
+
+    Attributes:
+        store: file of the support set; None means the default place.
+        json: print one JSON document instead of text.
+        quiet: print results and errors only.
+        debug: print the traceback of an error.
+    """
+
+    store: Path | None = None
+    json: bool = False
+    quiet: bool = False
+    debug: bool = False
+
+    def open_store(self) -> SupportStore:
+        """The support set; use it in a `with` statement.
+
+        Raises:
+            StoreError: it cannot be opened.
+        """
+        from actioncli.store.store import SupportStore
+
+        return SupportStore(self.store)
+
+    def merged(self, other: Settings) -> Settings:
+        """These settings and those of `other`, whose store wins."""
+        return Settings(
+            store=other.store or self.store,
+            json=self.json or other.json,
+            quiet=self.quiet or other.quiet,
+            debug=self.debug or other.debug,
+        )
+
+    def tell(self, line: str) -> None:
+        """Write a note for people to standard error, unless they asked for quiet."""
+        if not self.quiet:
+            note(line)
+
+
+StoreOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--store",
+        metavar="FILE",
+        help="The support set's file.  [default: $ACTIONCLI_HOME/support.db or the user's "
+        "data folder]",
+        show_default=False,
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Only results and errors.")]
+DebugOption = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+
+
+def _common_options(
+    store: StoreOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> Settings:
+    return Settings(store, as_json, quiet, debug)
+
+
+def command(function: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
+    """Turn a function of `Settings` and its own parameters into a command.
+
+    Its first parameter is filled from the common options, which the command then takes beside
+    those of its own, and from those given before the command's name. An own parameter of the
+    same name replaces a common one.
+    """
+    signature = inspect.signature(function, eval_str=True)
+    _, *own = signature.parameters.values()
+    taken = {parameter.name for parameter in own}
+    common = [
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for parameter in inspect.signature(_common_options, eval_str=True).parameters.values()
+        if parameter.name not in taken
+    ]
+    context = inspect.Parameter(
+        "ctx", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context
+    )
+    body: Callable[..., None] = function
+
+    @functools.wraps(function)
+    def run(ctx: typer.Context, **arguments: Any) -> None:
+        given = {parameter.name: arguments.pop(parameter.name) for parameter in common}
+        root = ctx.find_root()
+        # Kept at the root, where an error that leaves the command is reported.
+        root.obj = root.obj.merged(_common_options(**given))
+        body(root.obj, **arguments)
+
+    parameters = [context, *own, *common]
+    # What Typer reads to learn a command's parameters.
+    run.__dict__["__signature__"] = signature.replace(parameters=parameters)
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return run
+
+
+def complete_label(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Enrolled labels for the shell; none where there is no readable support set."""
+    from actioncli.store.store import SupportStore
+
+    given = ctx.params.get("store") or ctx.find_root().params.get("store")
+    try:
+        with SupportStore(given) as store:
+            labels = [action.label for action in store.actions()]
+    except ActionCliError:
+        return []
+    return [label for label in labels if label.startswith(incomplete) and label.isprintable()]
+
+
+def complete_layout(incomplete: str) -> list[str]:
+    """Names of the skeleton layouts for the shell."""
+    from actioncli.clips.layouts import LAYOUTS
+
+    return [name for name in LAYOUTS if name.startswith(incomplete)]
+
+
+ClipArguments = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="CLIP...", help="Clip files, folders of them, or patterns such as 'day1/*.npy'."
+    ),
+]
+LayoutOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Skeleton layout of files that do not name their joints, such as smpl+head_30.",
+        autocompletion=complete_layout,
+    ),
+]
+UnitOption = Annotated[str | None, typer.Option(metavar="m|cm|mm", help="Unit of the files.")]
+UpOption = Annotated[
+    str | None, typer.Option(metavar="AXIS", help="Axis that points up in the files, such as z.")
+]
+FpsOption = Annotated[
+    float | None, typer.Option(metavar="RATE", help="Frames per second of the files.")
+]
+WeightsOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Weights to use instead of those that came along."),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How to read files that leave something open; see `actioncli.read_clip`."""
+
+    layout: str | None = None
+    unit: str | None = None
+    up: str | None = None
+    fps: float | None = None
+
+    def read(self, path: Path) -> Clip:
+        """Read one clip.
+
+        Raises:
+            ClipError: it cannot be read or is unsuitable.
+        """
+        from actioncli.clips.read import read_clip
+
+        return read_clip(path, layout=self.layout, fps=self.fps, unit=self.unit, up=self.up)
+
+
+def found_clips(arguments: Sequence[Path]) -> list[tuple[Path, ClipError | None]]:
+    """The files that clip arguments name, each once, and an error for each that names none."""
+    from actioncli.clips.read import find_clips
+
+    found: dict[Path, ClipError | None] = {}
+    for argument in arguments:
+        try:
+            for path in find_clips([argument]):
+                found.setdefault(path, None)
+        except ClipError as error:
+            found.setdefault(argument, error)
+    return list(found.items())
+
+
+def each_clip(
+    settings: Settings, arguments: Sequence[Path], what: str, *, shown: bool = True
+) -> Iterator[tuple[Path, ClipError | None]]:
+    """`found_clips` with a progress bar where it helps."""
+    yield from progress(found_clips(arguments), what, shown=shown and not settings.quiet)
+
+
+def report_bad_clip(error: ClipError) -> None:
+    """Tell that a clip is left out; what was asked for goes on with the others."""
+    note(f"error: {printable(str(error))}")
+
+
+def tell_notes(settings: Settings, path: Path, notes: Sequence[str]) -> None:
+    """Tell what reading a clip decided on the way."""
+    for line in notes:
+        settings.tell(f"note: {printable(path)}: {printable(line)}")
+
+
+def checked_tau(tau: float) -> float:
+    """`tau` if it is a threshold.
+
+    Raises:
+        UsageError: it is not within [0, 1].
+    """
+    if not 0 <= tau <= 1:
+        raise UsageError(f"tau must lie between 0 and 1, not {tau:g}.")
+    return tau

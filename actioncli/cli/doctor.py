@@ -1,0 +1,175 @@
+"""`doctor`: whether this installation can do its work, and what is missing."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata, util
+from pathlib import Path
+
+import typer
+
+from actioncli._version import __version__
+from actioncli.cli.common import Settings, WeightsOption, command
+from actioncli.cli.output import note, plural, say, table, write_json
+from actioncli.errors import ActionCliError, StoreError, WeightsError
+
+# Module, the package that brings it, what it is for.
+_NEEDED = (
+    ("numpy", "numpy", "all recognition"),
+    ("safetensors", "safetensors", "reading weights"),
+    ("onnxruntime", "onnxruntime", "poses from video"),
+    ("cv2", "opencv-python-headless", "reading video"),
+    ("typer", "typer", "the command line"),
+    ("rich", "rich", "progress bars"),
+)
+_OPTIONAL = (("torch", "torch", "training; pip install 'actioncli[train]'"),)
+
+EXIT_INCOMPLETE = 70
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that was looked at.
+
+    Attributes:
+        name: what it is.
+        status: `ok`, `missing` (not needed, tells what it would be for) or `problem`.
+        detail: what was found.
+        exit_code: what a problem with it ends the command with.
+    """
+
+    name: str
+    status: str
+    detail: str
+    exit_code: int = 0
+
+
+@command
+def doctor(settings: Settings, weights: WeightsOption = None) -> None:
+    """Check this installation and the support set.
+
+    Versions, weights, shipped files and the support set are looked at, and what is missing told.
+
+    The exit code is 0 if nothing is wrong, 6 for the weights, 5 for the support set and 70 for
+    an incomplete installation. Optional parts that are missing are no error.
+
+    \b
+    Examples:
+      actioncli doctor
+      actioncli doctor --json
+
+    \b
+    JSON keys:
+      ok, checks
+      checks[]: name, status, detail
+    """
+    checks = [
+        Check("actioncli", "ok", __version__),
+        Check("python", "ok", f"{platform.python_version()} on {platform.platform()}"),
+        *_packages(),
+        *_shipped_files(),
+        *_recognition(weights),
+        *_support_set(settings),
+    ]
+    problems = [check for check in checks if check.status == "problem"]
+    if settings.json:
+        write_json(
+            {
+                "ok": not problems,
+                "checks": [
+                    {"name": check.name, "status": check.status, "detail": check.detail}
+                    for check in checks
+                ],
+            }
+        )
+    else:
+        shown = problems if settings.quiet else checks
+        if shown:
+            say(table(("part", "status", "found"), [(c.name, c.status, c.detail) for c in shown]))
+    if problems:
+        note(f"error: {plural(len(problems), 'problem')}: {', '.join(c.name for c in problems)}")
+        # Without weights nothing works at all, so they come first.
+        codes = [check.exit_code for check in problems]
+        raise typer.Exit(WeightsError.exit_code if WeightsError.exit_code in codes else codes[0])
+
+
+def _packages() -> Iterator[Check]:
+    for needed, packages in ((True, _NEEDED), (False, _OPTIONAL)):
+        for module, package, purpose in packages:
+            if util.find_spec(module) is None:
+                status = "problem" if needed else "missing"
+                yield Check(package, status, f"not installed; for {purpose}", EXIT_INCOMPLETE)
+            else:
+                yield Check(package, "ok", _version_of(module))
+
+
+def _version_of(module: str) -> str:
+    # The same module can come from several packages, as cv2 does.
+    names = sorted(set(metadata.packages_distributions().get(module, ())))
+    return ", ".join(f"{name} {metadata.version(name)}" for name in names) or "version unknown"
+
+
+def _shipped_files() -> Iterator[Check]:
+    from actioncli.weights_path import weights_folder
+
+    folder = weights_folder()
+    sums = folder / "SHA256SUMS"
+    try:
+        listed = [line.split(maxsplit=1) for line in sums.read_text("ascii").splitlines() if line]
+        for digest, name in listed:
+            content = (folder / name).read_bytes()
+            if hashlib.sha256(content).hexdigest() == digest:
+                yield Check(name, "ok", f"{len(content) / 1e6:.1f} MB, intact")
+            else:
+                yield Check(name, "problem", "damaged; install actioncli again", EXIT_INCOMPLETE)
+    except (OSError, ValueError) as error:
+        yield Check(
+            "shipped files", "problem", f"{error}; install actioncli again", EXIT_INCOMPLETE
+        )
+
+
+def _recognition(weights: Path | None) -> Iterator[Check]:
+    """Load the weights and let them answer once."""
+    import numpy as np
+
+    from actioncli.clips.clip import Clip
+    from actioncli.recognizer import Recognizer
+
+    try:
+        recognizer = Recognizer(weights)
+        loaded = recognizer.weights
+        made = ", ".join(
+            f"{key} {loaded.metadata[key]}" for key in ("recipe", "seed") if key in loaded.metadata
+        )
+        yield Check(
+            "weights", "ok", f"{loaded.path} ({made or 'no recipe'}, {loaded.checksum[:12]})"
+        )
+        names = loaded.config.preparation.joints
+        joints = np.random.default_rng(0).normal(size=(20, len(names), 3))
+        clip = Clip(joints, names)
+        start = time.perf_counter()
+        recognizer.compare([clip], {"itself": [clip]})
+        yield Check("recognition", "ok", f"answers in {(time.perf_counter() - start) * 1e3:.0f} ms")
+    except ActionCliError as error:
+        yield Check("weights", "problem", str(error), WeightsError.exit_code)
+
+
+def _support_set(settings: Settings) -> Iterator[Check]:
+    try:
+        with settings.open_store() as store:
+            yield Check("support set", "ok", str(store.path))
+            problems = store.check()
+            actions = store.actions()
+    except StoreError as error:
+        yield Check("support set", "problem", str(error), StoreError.exit_code)
+        return
+    for problem in problems:
+        yield Check("support set", "problem", problem, StoreError.exit_code)
+    examples = sum(action.examples for action in actions)
+    yield Check(
+        "enrolled", "ok", f"{plural(len(actions), 'action')}, {plural(examples, 'example')}"
+    )

@@ -1,0 +1,135 @@
+"""What commands write: results and JSON on standard output, notes and progress on standard error.
+
+rich is imported only when a progress bar is drawn: importing it takes longer than most commands.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+import unicodedata
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
+
+import typer
+
+T = TypeVar("T")
+
+# Work that ends sooner needs no progress bar.
+_PATIENCE_SECONDS = 2.0
+
+
+def printable(text: object) -> str:
+    """`text` on one line with everything escaped that could steer a terminal.
+
+    File names and labels come from anywhere: escape sequences, line breaks, marks that turn the
+    writing direction and bytes that are no UTF-8 are shown as `\\x1b`, `\\u202e` and the like.
+    """
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
+
+
+def say(line: str = "") -> None:
+    """Write a line of the result to standard output."""
+    typer.echo(line)
+
+
+def note(line: str) -> None:
+    """Write a line that is not the result (a note, a hint, an error) to standard error."""
+    typer.echo(line, err=True)
+
+
+def write_json(document: object) -> None:
+    """Write one JSON document to standard output.
+
+    Only ASCII is written, so that nothing in a label reaches the terminal raw. Numbers must be
+    finite Python numbers: see `number`.
+    """
+    typer.echo(json.dumps(document, indent=2, allow_nan=False))
+
+
+def number(value: float) -> float | None:
+    """`value` with six significant digits, or None (JSON's null) where it is not finite."""
+    return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+def error_entry(error: BaseException, exit_code: int) -> dict[str, object]:
+    """What JSON says about an error; the keys stand in the help of `actioncli`."""
+    return {
+        "type": type(error).__name__,
+        "message": str(error).replace("\n", " "),
+        "exit_code": exit_code,
+    }
+
+
+def plural(count: int, noun: str) -> str:
+    """`1 clip`, `2 clips`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]], indent: str = "") -> str:
+    """Columns under a header; a column that holds only numbers is flush right.
+
+    Cells go through `printable`; floats are given two decimals.
+    """
+    right = [
+        bool(rows) and all(isinstance(cell, int | float) for cell in column)
+        for column in zip(*rows, strict=True)
+    ] or [False] * len(header)
+    lines = [list(header), *([_cell(cell) for cell in row] for row in rows)]
+    widths = [max(map(_width, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        indent
+        + "  ".join(
+            " " * (width - _width(cell)) + cell if flush else cell + " " * (width - _width(cell))
+            for cell, width, flush in zip(line, widths, right, strict=True)
+        ).rstrip()
+        for line in lines
+    )
+
+
+def _cell(value: object) -> str:
+    return f"{value:.2f}" if isinstance(value, float) else printable(value)
+
+
+def _width(text: str) -> int:
+    """Terminal columns that `text` takes: East Asian wide characters two, combining marks none."""
+    return sum(
+        0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1
+        for c in text
+    )
+
+
+def progress(items: Sequence[T], what: str, *, shown: bool = True) -> Iterator[T]:
+    """Iterate with a progress bar on standard error, if someone is there to see it.
+
+    It appears when standard error is a terminal and the work has lasted for two seconds, and it
+    goes away at the end.
+
+    Args:
+        items: what to iterate over.
+        what: a word for what is done, shown beside the bar.
+        shown: False where the results themselves tell how far the work is.
+    """
+    if not (shown and sys.stderr.isatty()):
+        yield from items
+        return
+    start = time.monotonic()
+    bar = None
+    try:
+        for done, item in enumerate(items):
+            if bar is None and time.monotonic() - start > _PATIENCE_SECONDS:
+                from rich.console import Console
+                from rich.progress import Progress
+
+                # Standard output is left alone: it may be a file.
+                bar = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)
+                task = bar.add_task(what, total=len(items))
+                bar.start()
+            if bar is not None:
+                bar.update(task, completed=done)
+            yield item
+    finally:
+        if bar is not None:
+            bar.stop()
