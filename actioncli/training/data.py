@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import Clip
 from actioncli.clips.collection import Collection
 from actioncli.errors import UsageError
+from actioncli.evaluation.splits import Splits
 
 Indices = NDArray[np.int64]
 
@@ -59,39 +60,34 @@ class TrainingSet:
         )
 
 
-def training_set(
-    collections: Sequence[Collection], split: Mapping[str, Sequence[str]] | None = None
-) -> TrainingSet:
+def training_set(collections: Sequence[Collection], splits: Splits | None = None) -> TrainingSet:
     """Join collections.
 
     Args:
         collections: what to train on.
-        split: collection name to the classes to use; None uses all classes.
+        splits: keep only their `train` classes; None keeps all.
 
     Raises:
-        UsageError: a collection that the split does not name, or nothing left.
+        UsageError: the splits do not fit the collections, or nothing is left.
     """
     clips: list[Clip] = []
     labels: list[str] = []
     subjects: list[str] = []
     sources: list[int] = []
     for number, collection in enumerate(collections):
-        if split is not None and collection.name not in split:
-            raise UsageError(
-                f"the split does not name the collection {collection.name!r}; it names "
-                f"{', '.join(split)}."
-            )
-        wanted = None if split is None else set(split[collection.name])
+        wanted = set(collection.labels)
+        if splits is not None:
+            wanted = set(splits.classes(collection.name, "train", collection.labels))
         for clip, label, subject in zip(
             collection.clips, collection.labels, collection.subjects, strict=True
         ):
-            if wanted is None or label in wanted:
+            if label in wanted:
                 clips.append(clip)
                 labels.append(f"{collection.name}/{label}")
                 subjects.append(f"{collection.name}/{subject}")
                 sources.append(number)
     if not clips:
-        raise UsageError("no clips to train on: the collections hold none of the split's classes.")
+        raise UsageError("no clips to train on: the collections hold no class of the splits.")
     classes, class_of = np.unique(labels, return_inverse=True)
     return TrainingSet(
         tuple(clips),
@@ -102,12 +98,15 @@ def training_set(
     )
 
 
-def hold_out(data: TrainingSet, share: float, seed: int) -> tuple[TrainingSet, TrainingSet]:
+# Share of a collection's classes that validation keeps for itself.
+VALIDATION_SHARE = 0.15
+
+
+def hold_out(data: TrainingSet, seed: int) -> tuple[TrainingSet, TrainingSet]:
     """Split classes into training and validation ones.
 
-    In each collection whose classes are performed by several people, `share` of the classes (at
-    least 2, where more than 4 are there) is held out; the rest of the world must be learned
-    without them.
+    Of each collection with more than 4 classes that several people perform, `VALIDATION_SHARE`
+    of those classes, at least 2, is held out.
 
     Returns:
         training and validation set, without a class in common.
@@ -121,7 +120,7 @@ def hold_out(data: TrainingSet, share: float, seed: int) -> tuple[TrainingSet, T
             if data.collections[rows[0]] == source and len(np.unique(data.subjects[rows])) > 1
         ]
         if len(classes) > 4:
-            count = max(2, round(share * len(classes)))
+            count = max(2, round(VALIDATION_SHARE * len(classes)))
             held += rng.choice(classes, count, replace=False).tolist()
     kept = [c for c in data.members if c not in held]
     return data.of_classes(kept), data.of_classes(held)

@@ -28,9 +28,7 @@ class Episodes:
     targets: Indices
 
 
-def draw_episodes(
-    data: TrainingSet, batch: int, ways: int, rng: np.random.Generator
-) -> Episodes:
+def draw_episodes(data: TrainingSet, batch: int, ways: int, rng: np.random.Generator) -> Episodes:
     """Draw `batch` episodes: one known query for each way, and as many unknown ones.
 
     Every other episode takes its actions from one collection, where nothing but the motion

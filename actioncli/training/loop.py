@@ -118,7 +118,7 @@ def train(
             state.step += 1
             done = state.step - first_step
             blend = max(1 / 50, 1 / done)
-            loss += blend * (float(result.loss) - loss)
+            loss += blend * (result.loss.item() - loss)
             accuracy += blend * (result.accuracy - accuracy)
             if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
                 _validate(state, recipe.config, validation)

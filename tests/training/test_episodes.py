@@ -1,0 +1,50 @@
+"""What an episode promises: known and unknown apart, other performers, the same for a seed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from actioncli.training.data import TrainingSet
+from actioncli.training.episodes import draw_episodes
+
+
+@given(seed=st.integers(0, 2**32 - 1), ways=st.integers(2, 6))
+@settings(max_examples=25, deadline=None)
+def test_targets_tell_the_truth(world: TrainingSet, seed: int, ways: int) -> None:
+    drawn = draw_episodes(world, 4, ways, np.random.default_rng(seed))
+    for support, queries, targets in zip(drawn.support, drawn.queries, drawn.targets, strict=True):
+        actions = world.labels[support]
+        assert len(set(actions)) == ways
+        assert (targets >= 0).sum() == ways
+        for query, target in zip(queries, targets, strict=True):
+            if target < 0:
+                assert world.labels[query] not in actions
+            else:
+                assert world.labels[query] == actions[target]
+                assert world.subjects[query] != world.subjects[support[target]]
+
+
+def test_every_other_episode_stays_within_a_collection(world: TrainingSet) -> None:
+    drawn = draw_episodes(world, 16, 5, np.random.default_rng(0))
+    mixed = [
+        len(set(world.collections[np.concatenate([support, queries])])) > 1
+        for support, queries in zip(drawn.support, drawn.queries, strict=True)
+    ]
+    assert not any(mixed[::2])
+    assert any(mixed[1::2])
+
+
+def test_a_generator_decides_everything(world: TrainingSet) -> None:
+    first, again = (draw_episodes(world, 4, 5, np.random.default_rng([3, 9])) for _ in range(2))
+    np.testing.assert_array_equal(first.support, again.support)
+    np.testing.assert_array_equal(first.queries, again.queries)
+
+
+@pytest.mark.parametrize("batch", [1, 3])
+def test_shapes(world: TrainingSet, batch: int) -> None:
+    drawn = draw_episodes(world, batch, 5, np.random.default_rng(0))
+    assert drawn.support.shape == (batch, 5)
+    assert drawn.queries.shape == drawn.targets.shape == (batch, 10)

@@ -1,0 +1,110 @@
+"""Training as a whole: it learns, it stops and goes on, it leaves nothing half done."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra 'train'")
+
+from actioncli.errors import UsageError, WeightsError
+from actioncli.model.weights import read_weights
+from actioncli.training import loop
+from actioncli.training.data import TrainingSet, hold_out
+from actioncli.training.loop import Progress, train
+from actioncli.training.recipes import RECIPES
+from actioncli.training.validation import Validation
+
+SHORT = replace(RECIPES["paper"], steps=6, batch=1, ways=3, validate_every=2)
+
+
+def run(world: TrainingSet, out: Path, recipe=SHORT, report=lambda _: None) -> Path:  # type: ignore[no-untyped-def]
+    data, held = hold_out(world, 0)
+    return train(recipe, data, Validation(held, 0), out, 0, ["world"], report)
+
+
+def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
+    told: list[Progress] = []
+    recipe = replace(SHORT, steps=60, batch=2, validate_every=30)
+    run(world, tmp_path / "w.safetensors", recipe, told.append)
+    assert told[-1].accuracy > 0.8
+    assert told[-1].loss < told[0].loss
+    weights = read_weights(tmp_path / "w.safetensors")
+    assert weights.metadata["seed"] == 0
+    assert weights.metadata["recipe"]["name"] == "paper"
+    assert weights.metadata["validation"]["closed_accuracy"] > 0.5
+
+
+@pytest.mark.parametrize("stop_at", [1, 3, 4])
+def test_a_resumed_run_ends_like_an_uninterrupted_one(
+    world: TrainingSet, tmp_path: Path, stop_at: int
+) -> None:
+    def stop(now: Progress) -> None:
+        if now.step == stop_at:
+            raise KeyboardInterrupt
+
+    whole = run(world, tmp_path / "whole.safetensors")
+    out = tmp_path / "resumed.safetensors"
+    with pytest.raises(KeyboardInterrupt):
+        run(world, out, report=stop)
+    assert not out.exists()
+    steps: list[int] = []
+    run(world, out, report=lambda now: steps.append(now.step))
+    assert steps[0] == stop_at + 1
+    assert read_weights(out).checksum == read_weights(whole).checksum
+    assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, whole.name]
+
+
+def test_a_kill_between_checkpoints_repeats_those_steps(
+    world: TrainingSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A checkpoint after every step, then a death that no handler sees.
+    monkeypatch.setattr(loop, "CHECKPOINT_SECONDS", -1.0)
+
+    class Killed(BaseException):
+        pass
+
+    def die(now: Progress) -> None:
+        if now.step == 5:
+            raise Killed
+
+    out = tmp_path / "killed.safetensors"
+    with pytest.raises(Killed):
+        run(world, out, report=die)
+    run(world, out)
+    whole = run(world, tmp_path / "whole.safetensors")
+    assert read_weights(out).checksum == read_weights(whole).checksum
+
+
+def test_a_checkpoint_of_another_run_is_refused(world: TrainingSet, tmp_path: Path) -> None:
+    out = tmp_path / "w.safetensors"
+
+    def stop(now: Progress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(world, out, report=stop)
+    with pytest.raises(WeightsError, match="another recipe, seed or data"):
+        run(world, out, replace(SHORT, steps=8))
+    (tmp_path / "w.safetensors.checkpoint").write_bytes(b"damaged")
+    with pytest.raises(WeightsError, match="damaged checkpoint"):
+        run(world, out)
+
+
+def test_too_few_classes_are_told(world: TrainingSet, tmp_path: Path) -> None:
+    few = world.of_classes([0, 1, 2])
+    _, held = hold_out(world, 0)
+    with pytest.raises(UsageError, match="needs more than 5 classes"):
+        train(RECIPES["paper"], few, Validation(held, 0), tmp_path / "w", 0, [])
+
+
+def test_held_out_classes_are_disjoint_and_stable(world: TrainingSet) -> None:
+    data, held = hold_out(world, 3)
+    again = hold_out(world, 3)[1]
+    assert not set(data.members) & set(held.members)
+    assert len(data.members) + len(held.members) == len(world.members)
+    assert set(again.members) == set(held.members)
+    np.testing.assert_array_equal(np.unique(held.collections), [0, 1])
