@@ -1,0 +1,145 @@
+"""Frames of a video file, in time order, decoded beside whatever is done with them."""
+
+from __future__ import annotations
+
+import math
+import os
+import queue
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+
+from actioncli.errors import ClipError
+from actioncli.pose.region import Image
+
+# Frames decoded in advance; they are all that is ever held, whatever the video's length.
+AHEAD = 2
+# What a broken header's frame rate is replaced by.
+USUAL_FPS = 30.0
+HIGHEST_FPS = 1000.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One frame: seconds from the beginning of the video, and the BGR image (H, W, 3)."""
+
+    time: float
+    image: Image
+
+
+class VideoFile:
+    """A video to read once, from the beginning.
+
+    Rotation that a phone wrote into the file is applied; times are the file's own, so a variable
+    frame rate is followed.
+
+    Attributes:
+        fps: nominal frame rate.
+        duration: announced length in seconds, 0 where the file does not tell.
+        announced: frames that the file says it has, 0 where it does not tell.
+        decoded: frames read so far, whether or not they were handed out.
+        ended: whether the end has been reached.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open.
+
+        Raises:
+            ClipError: no such file, not readable, or not a video.
+        """
+        # FFmpeg writes its complaints past Python; what matters is told by the errors here.
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+        self.path = path
+        try:
+            with path.open("rb") as file:
+                empty = not file.read(1)
+        except OSError as error:
+            raise ClipError(f"{path}: cannot read the video: {error.strerror}.") from error
+        if empty:
+            raise ClipError(f"{path}: the file is empty.")
+        self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        if not self._capture.isOpened():
+            raise ClipError(
+                f"{path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF can, "
+                "if the file is complete."
+            )
+        self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+        fps = self._capture.get(cv2.CAP_PROP_FPS)
+        self.fps = float(fps) if 0 < fps <= HIGHEST_FPS else USUAL_FPS
+        count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        self.announced = int(count) if math.isfinite(count) and count > 0 else 0
+        self.duration = self.announced / self.fps
+        self.decoded = 0
+        self.ended = False
+
+    def frames(
+        self, start: float = 0.0, end: float = math.inf, rate: float | None = None
+    ) -> Iterator[Frame]:
+        """Frames from `start` to `end` (seconds), decoded in a thread of their own.
+
+        Args:
+            rate: hand out at most so many a second; None: every frame.
+        """
+        frames: queue.Queue[Frame | BaseException | None] = queue.Queue(AHEAD)
+        stop = threading.Event()
+
+        def hand_over(item: Frame | BaseException | None) -> None:
+            while not stop.is_set():
+                try:
+                    return frames.put(item, timeout=0.1)
+                except queue.Full:
+                    continue
+
+        def decode() -> None:
+            try:
+                for frame in self._decode(start, end, rate):
+                    hand_over(frame)
+                    if stop.is_set():
+                        return
+                hand_over(None)
+            except BaseException as error:  # noqa: BLE001 - raised again in the reading thread
+                hand_over(error)
+
+        thread = threading.Thread(target=decode, name="decode", daemon=True)
+        thread.start()
+        try:
+            while (item := frames.get()) is not None:
+                if isinstance(item, BaseException):
+                    raise item
+                yield item
+        finally:
+            stop.set()
+            thread.join()
+
+    def _decode(self, start: float, end: float, rate: float | None) -> Iterator[Frame]:
+        last_time, last_slot = -1 / self.fps, -1
+        while self._capture.grab():
+            self.decoded += 1
+            time = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            if not (math.isfinite(time) and time > last_time):
+                time = last_time + 1 / self.fps
+            last_time = time
+            if time > end:
+                return
+            # One frame for each slot of 1 / rate seconds; the others are never converted.
+            slot = self.decoded if rate is None else int((time - start) * rate + 1e-3)
+            if time < start or slot == last_slot:
+                continue
+            read, image = self._capture.retrieve()
+            if read and image is not None:
+                last_slot = slot
+                yield Frame(time, image)
+        self.ended = True
+
+    def shortfall(self) -> str | None:
+        """What to tell if the file ended much earlier than it announced."""
+        missing = self.announced - self.decoded
+        if not self.ended or missing <= max(2, 0.02 * self.announced):
+            return None
+        return (
+            f"the file announces {self.announced} frames and {self.decoded} could be decoded; "
+            "it may be cut off or damaged"
+        )

@@ -1,0 +1,100 @@
+"""The landmark network: one region in, the body in it out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from actioncli.clips.clip import FloatArray
+from actioncli.pose.networks import LANDMARKS, Network, sigmoid
+from actioncli.pose.region import Image, Region
+
+SIDE = 256
+LANDMARK_COUNT = 33
+# After the body's 33: the two points from which the next frame's region follows, and four spare.
+CENTRE_POINT, SCALE_POINT = 33, 34
+ALL_POINTS = 39
+HEAT_KERNEL = 9
+LEAST_HEAT = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """One person in one frame, as the network sees it.
+
+    Attributes:
+        presence: probability that the region shows a person at all.
+        points: (35, 2) pixels in the image: 33 landmarks, the body's centre, and the point that
+            tells its size and direction.
+        visibility: (33,) probability that the landmark is in view.
+        world: (33, 3) metres from the midpoint of the hips; x right in the image, y down,
+            z away from the camera.
+    """
+
+    presence: float
+    points: FloatArray
+    visibility: FloatArray
+    world: FloatArray
+
+
+class LandmarkEstimator:
+    """BlazePose's landmark network, "full" (`fast`) or "heavy" (`accurate`)."""
+
+    def __init__(self, quality: str, threads: int | None = None) -> None:
+        """Load the network.
+
+        Raises:
+            WeightsError: see `Network`.
+        """
+        self._network = Network(LANDMARKS[quality], threads)
+
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the network."""
+        return self._network.checksum
+
+    def __call__(self, image: Image, region: Region) -> Body:
+        """Estimate the body in a region of a BGR image (H, W, 3)."""
+        pixels = region.crop(image, SIDE, cv2.BORDER_REPLICATE)
+        output = self._network(np.asarray(pixels[:, :, ::-1] / 255, np.float32))
+        rows = output["landmarks"].reshape(ALL_POINTS, 5)  # x, y, z, visibility, presence
+        points = refine(rows[:, :2] / np.float32(SIDE), output["heatmap"][0])
+        world = output["world"].reshape(ALL_POINTS, 3)[:LANDMARK_COUNT].copy()
+        sine, cosine = np.sin(region.angle), np.cos(region.angle)
+        turn = np.array([[cosine, -sine], [sine, cosine]], np.float32)
+        world[:, :2] = world[:, :2] @ turn.T
+        return Body(
+            presence=float(output["presence"].item()),
+            points=region.to_image(points[: SCALE_POINT + 1]),
+            visibility=sigmoid(rows[:LANDMARK_COUNT, 3]),
+            world=world,
+        )
+
+
+def refine(points: FloatArray, heatmap: FloatArray) -> FloatArray:
+    """Move each point to the centre of the heat around it, where there is enough heat.
+
+    Args:
+        points: (N, 2) in units of the region's side.
+        heatmap: (H, W, N) logits.
+
+    Returns:
+        (N, 2).
+    """
+    height, width, _ = heatmap.shape
+    reach = (HEAT_KERNEL - 1) // 2
+    refined = points.copy()
+    for n, (x, y) in enumerate(points):
+        column, row = int(x * width), int(y * height)
+        if not (0 <= column < width and 0 <= row < height):
+            continue
+        left, top = max(0, column - reach), max(0, row - reach)
+        heat = sigmoid(heatmap[top : row + reach + 1, left : column + reach + 1, n])
+        if heat.max() >= LEAST_HEAT:
+            total = heat.sum()
+            refined[n, 0] = (heat.sum(axis=0) @ np.arange(left, left + heat.shape[1])) / total
+            refined[n, 1] = (heat.sum(axis=1) @ np.arange(top, top + heat.shape[0])) / total
+            refined[n] /= (width, height)
+    return refined

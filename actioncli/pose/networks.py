@@ -1,0 +1,103 @@
+"""The BlazePose networks as ONNX Runtime sessions."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import cache
+
+import numpy as np
+import onnxruntime
+
+from actioncli.clips.clip import FloatArray
+from actioncli.errors import WeightsError
+from actioncli.weights_path import weights_file
+
+DETECTOR = "pose_detector.onnx"
+LANDMARKS = {"fast": "pose_landmark_full.onnx", "accurate": "pose_landmark_heavy.onnx"}
+CHECKSUMS = "SHA256SUMS"
+
+# More threads than this gain nothing on networks of this size.
+MOST_THREADS = 4
+
+
+class Network:
+    """One network, ready to run.
+
+    Attributes:
+        checksum: SHA-256 of its file, hexadecimal.
+    """
+
+    def __init__(self, name: str, threads: int | None = None) -> None:
+        """Check the file against the shipped checksum and load it.
+
+        Args:
+            name: a file in the weights folder.
+            threads: at most this many; None: one for each core this process may use.
+
+        Raises:
+            WeightsError: the file is missing, damaged, or cannot be loaded.
+        """
+        path = weights_file(name)
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise WeightsError(
+                f"{path}: cannot read the pose network: {error.strerror}. Reinstall actioncli."
+            ) from error
+        self.checksum = hashlib.sha256(data).hexdigest()
+        if self.checksum != shipped_checksum(name):
+            raise WeightsError(
+                f"{path}: the file differs from what {CHECKSUMS} lists. Reinstall actioncli."
+            )
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads or min(usable_cores(), MOST_THREADS)
+        options.inter_op_num_threads = 1
+        # Decoding runs beside the networks: waiting threads must not burn its processor time.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        try:
+            self._session = onnxruntime.InferenceSession(
+                data, options, providers=["CPUExecutionProvider"]
+            )
+        except RuntimeError as error:
+            raise WeightsError(f"{path}: ONNX Runtime cannot load it: {error}") from error
+        self._outputs = [output.name for output in self._session.get_outputs()]
+
+    def __call__(self, image: FloatArray) -> dict[str, FloatArray]:
+        """Run on an image (H, W, 3), RGB in the network's range; outputs by name."""
+        results = self._session.run(self._outputs, {"image": image[np.newaxis]})
+        return dict(zip(self._outputs, results, strict=True))
+
+
+@cache
+def shipped_checksum(name: str) -> str:
+    """SHA-256 that the weights folder lists for a file, hexadecimal.
+
+    Raises:
+        WeightsError: the list is missing or lacks the file.
+    """
+    sums = weights_file(CHECKSUMS)
+    try:
+        lines = sums.read_text(encoding="ascii").splitlines()
+    except OSError as error:
+        raise WeightsError(
+            f"{sums}: cannot read the checksums of the pose networks: {error.strerror}. "
+            "Reinstall actioncli."
+        ) from error
+    for line in lines:
+        digest, _, listed = line.partition("  ")
+        if listed == name:
+            return digest
+    raise WeightsError(f"{sums} does not list {name}. Reinstall actioncli.")
+
+
+def usable_cores() -> int:
+    """Processor cores this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def sigmoid(logits: FloatArray) -> FloatArray:
+    """Logistic function; beyond +-80 float32 shows no difference."""
+    return np.asarray(1 / (1 + np.exp(-logits.clip(-80, 80))), np.float32)

@@ -1,0 +1,90 @@
+"""A turned square of an image, and how to cut it out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import FloatArray
+
+Image = NDArray[np.uint8]
+
+# A region shows the body with this much room around it.
+ROOM = 1.25
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Where a person is: a square, in pixels.
+
+    Attributes:
+        x, y: its centre.
+        size: its side.
+        angle: by how much it is turned, radians, clockwise as the image is seen.
+    """
+
+    x: float
+    y: float
+    size: float
+    angle: float = 0.0
+
+    @classmethod
+    def around(cls, centre: FloatArray, scale: FloatArray) -> Region:
+        """The region of a body, from its centre and a point that tells size and direction.
+
+        Args:
+            centre: (2,) pixels, the midpoint of the hips.
+            scale: (2,) pixels, on the circle around the body, upwards from the hips.
+        """
+        dx, dy = float(scale[0] - centre[0]), float(scale[1] - centre[1])
+        angle = np.pi / 2 - np.arctan2(-dy, dx)
+        angle -= 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
+        size = 2 * np.hypot(dx, dy) * ROOM
+        return cls(float(centre[0]), float(centre[1]), float(size), float(angle))
+
+    def distance(self, other: Region) -> float:
+        """Between the centres, in sides of the larger region."""
+        return float(np.hypot(self.x - other.x, self.y - other.y) / max(self.size, other.size, 1))
+
+    def to_image(self, points: FloatArray) -> FloatArray:
+        """Points (N, 2) in units of the region's side, from its corner, as pixels (N, 2)."""
+        return np.asarray(
+            (points - 0.5) * self.size @ _rotation(self.angle).T + (self.x, self.y), np.float32
+        )
+
+    def crop(self, image: Image, side: int, border: int) -> Image:
+        """Cut the region out as (side, side, 3), bilinear.
+
+        The sampling positions are rounded to 1/32 of a pixel here, not by OpenCV: its
+        `warpPerspective` does so in version 4 and no longer in version 5, and the networks'
+        reference results come from version 4.
+
+        Args:
+            border: cv2.BORDER_CONSTANT (black) or cv2.BORDER_REPLICATE outside the image.
+        """
+        steps = np.arange(side) / side
+        grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) - 0.5
+        position = grid * self.size @ _rotation(self.angle).T + (self.x, self.y)
+        fixed = np.rint(position * cv2.INTER_TAB_SIZE).astype(np.int64)
+        # A cell of the image, and which of the 32 x 32 bilinear weight tables to use in it.
+        cell = (fixed >> cv2.INTER_BITS).clip(-32768, 32767).astype(np.int16)
+        table = fixed & (cv2.INTER_TAB_SIZE - 1)
+        weights = (table[:, 1] * cv2.INTER_TAB_SIZE + table[:, 0]).astype(np.uint16)
+        return np.asarray(
+            cv2.remap(
+                image,
+                cell.reshape(side, side, 2),
+                weights.reshape(side, side),
+                cv2.INTER_LINEAR,
+                borderMode=border,
+            ),
+            np.uint8,
+        )
+
+
+def _rotation(angle: float) -> NDArray[np.float64]:
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.array([[cosine, -sine], [sine, cosine]])
