@@ -89,11 +89,9 @@ def classify(
     entries: list[dict[str, object]] = []
     failed = rejected = 0
     streams = not settings.json and sys.stdout.isatty()
-    for path, error in each_clip(settings, clips, "Classifying", shown=not streams):
+    for path in each_clip(settings, clips, "Classifying", shown=not streams):
         start = time.perf_counter()
         try:
-            if error is not None:
-                raise error
             decision = recognizer.classify(reading.read(path), support, tau)
         except ClipError as unusable:
             failed += 1

@@ -155,9 +155,13 @@ LayoutOption = Annotated[
         autocompletion=complete_layout,
     ),
 ]
-UnitOption = Annotated[str | None, typer.Option(metavar="m|cm|mm", help="Unit of the files.")]
+UnitOption = Annotated[
+    str | None,
+    typer.Option(metavar="m|cm|mm|in", help="Unit of the files, or a number: metres per unit."),
+]
 UpOption = Annotated[
-    str | None, typer.Option(metavar="AXIS", help="Axis that points up in the files, such as z.")
+    str | None,
+    typer.Option(metavar="AXIS", help="Axis that points up in the files, such as z or -y."),
 ]
 FpsOption = Annotated[
     float | None, typer.Option(metavar="RATE", help="Frames per second of the files.")
@@ -188,25 +192,16 @@ class Reading:
         return read_clip(path, layout=self.layout, fps=self.fps, unit=self.unit, up=self.up)
 
 
-def found_clips(arguments: Sequence[Path]) -> list[tuple[Path, ClipError | None]]:
-    """The files that clip arguments name, each once, and an error for each that names none."""
-    from actioncli.clips.read import find_clips
-
-    found: dict[Path, ClipError | None] = {}
-    for argument in arguments:
-        try:
-            for path in find_clips([argument]):
-                found.setdefault(path, None)
-        except ClipError as error:
-            found.setdefault(argument, error)
-    return list(found.items())
-
-
 def each_clip(
     settings: Settings, arguments: Sequence[Path], what: str, *, shown: bool = True
-) -> Iterator[tuple[Path, ClipError | None]]:
-    """`found_clips` with a progress bar where it helps."""
-    yield from progress(found_clips(arguments), what, shown=shown and not settings.quiet)
+) -> Iterator[Path]:
+    """The files that clip arguments name, each once, with a progress bar where it helps.
+
+    What names no file stays as it is: reading it tells what is wrong with it.
+    """
+    from actioncli.clips.read import find_clips
+
+    yield from progress(find_clips(arguments), what, shown=shown and not settings.quiet)
 
 
 def report_bad_clip(error: ClipError) -> None:

@@ -66,10 +66,8 @@ def enroll(
     with settings.open_store() as store:
         usable = []
         failures: list[tuple[str, ClipError]] = []
-        for path, error in each_clip(settings, clips, "Reading"):
+        for path in each_clip(settings, clips, "Reading"):
             try:
-                if error is not None:
-                    raise error
                 clip = reading.read(path)
                 # A clip that the model cannot use would fail every later classification.
                 recognizer.embed([clip])

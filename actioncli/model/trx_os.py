@@ -28,6 +28,15 @@ Array = Any  # a numpy array or a torch tensor; the standard defines no common t
 Params = Mapping[str, Array]
 
 
+def namespace(x: Array) -> Any:
+    """The array API functions for `x`.
+
+    numpy's own follow the standard since 2.1. The compatibility layer is only there for torch:
+    wrapping numpy, it would import all of numpy's submodules, which takes as long as numpy.
+    """
+    return np if isinstance(x, np.ndarray) else array_api_compat.array_namespace(x)
+
+
 def parameter_shapes(config: ModelConfig) -> dict[str, tuple[int, ...]]:
     """Name and shape of every tensor that a model of this configuration has."""
     inputs, width, key = config.inputs, config.width, config.key_width
@@ -86,7 +95,7 @@ def embed(params: Params, config: ModelConfig, x: Array) -> Array:
     Returns:
         (N, F, 4·W): a frame as first of a pair and as second of a pair, as key, then as value.
     """
-    xp = array_api_compat.array_namespace(x)
+    xp = namespace(x)
     n, frames = x.shape[:2]
     features = psi(params, xp.reshape(x, (n, frames, config.inputs)))
     features = features + xp.asarray(positional_encoding(frames, config.width))
@@ -114,7 +123,7 @@ def pairs(params: Params, config: ModelConfig, embedding: Array) -> tuple[Array,
     Returns:
         keys (N, P, W) and values (N, P, W).
     """
-    xp = array_api_compat.array_namespace(embedding)
+    xp = namespace(embedding)
     w = config.key_width
     first, second = (xp.asarray(index) for index in pair_indices(embedding.shape[1]))
 
@@ -129,7 +138,7 @@ def pairs(params: Params, config: ModelConfig, embedding: Array) -> tuple[Array,
 
 def layer_norm(x: Array, scale: Array, shift: Array) -> Array:
     """Zero mean and unit variance along the last axis, then scaled and shifted."""
-    xp = array_api_compat.array_namespace(x)
+    xp = namespace(x)
     centred = x - xp.mean(x, axis=-1, keepdims=True)
     variance = xp.mean(centred * centred, axis=-1, keepdims=True)
     return centred / xp.sqrt(variance + 1e-5) * scale + shift
@@ -145,7 +154,7 @@ def prototypes(query_keys: Array, support_keys: Array, support_values: Array) ->
     Returns:
         (..., P, W): for each query pair the attended mean of the support's values.
     """
-    xp = array_api_compat.array_namespace(query_keys)
+    xp = namespace(query_keys)
     scores = query_keys @ xp.matrix_transpose(support_keys) / query_keys.shape[-1] ** 0.5
     weights = xp.exp(scores - xp.max(scores, axis=-1, keepdims=True))
     # Normalising the product instead of the weights divides W instead of n·P numbers a row.
@@ -164,7 +173,7 @@ def distance(config: ModelConfig, difference: Array) -> Array:
     Returns:
         (...).
     """
-    xp = array_api_compat.array_namespace(difference)
+    xp = namespace(difference)
     squared = xp.sum(difference * difference, axis=-1)
     if config.distance == "l2":
         squared = xp.sqrt(squared + 1e-12)
@@ -182,7 +191,7 @@ def discriminator(params: Params, difference: Array) -> Array:
     Returns:
         (...) logits; their sigmoid is the probability that query and action agree.
     """
-    xp = array_api_compat.array_namespace(difference)
+    xp = namespace(difference)
     x = _relu(difference @ params["disc.tuple.weight"] + params["disc.tuple.bias"])
     x = xp.reshape(x, (*x.shape[:-2], x.shape[-2] * x.shape[-1]))
     for layer in ("disc.0", "disc.1"):
@@ -192,4 +201,4 @@ def discriminator(params: Params, difference: Array) -> Array:
 
 def _relu(x: Array) -> Array:
     # `where` and `maximum` with a scalar are not in every version of the standard; this is.
-    return x * array_api_compat.array_namespace(x).astype(x > 0, x.dtype)
+    return x * namespace(x).astype(x > 0, x.dtype)
