@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import queue
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from actioncli.errors import ClipError
 from actioncli.pose.region import Image
@@ -88,10 +90,9 @@ class VideoFile:
 
         def hand_over(item: Frame | BaseException | None) -> None:
             while not stop.is_set():
-                try:
-                    return frames.put(item, timeout=0.1)
-                except queue.Full:
-                    continue
+                with contextlib.suppress(queue.Full):
+                    frames.put(item, timeout=0.1)
+                    return
 
         def decode() -> None:
             try:
@@ -131,7 +132,7 @@ class VideoFile:
             read, image = self._capture.retrieve()
             if read and image is not None:
                 last_slot = slot
-                yield Frame(time, image)
+                yield Frame(time, np.asarray(image, np.uint8))
         self.ended = True
 
     def shortfall(self) -> str | None:
