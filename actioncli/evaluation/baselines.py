@@ -62,9 +62,8 @@ class Dtw:
         examples = np.concatenate(list(support.values()))
         pairs = dtw_distance(queries["frames"], examples["frames"])
         pairs /= np.sqrt(queries["radius"][:, None] * examples["radius"])
-        distance = np.minimum.reduceat(pairs, np.cumsum([0, *counts[:-1]]), axis=1)
-        normalised = len(self._cohort) > 0
-        confidence = 1 / (1 + distance) if normalised else np.exp(-distance)
+        distance: FloatArray = np.minimum.reduceat(pairs, np.cumsum([0, *counts[:-1]]), axis=1)
+        confidence = np.exp(-distance) if not len(self._cohort) else np.reciprocal(1 + distance)
         return _comparison(support, distance, confidence)
 
     def _frames(self, clips: Sequence[Clip]) -> FloatArray:
@@ -77,7 +76,8 @@ class Dtw:
             return np.ones(len(frames), np.float32)
         distance = dtw_distance(frames, self._cohort)
         nearest = np.sort(distance, axis=1)[:, :_NEIGHBOURS]
-        return np.maximum(nearest.mean(axis=1), np.float32(1e-6))
+        radius: FloatArray = np.maximum(nearest.mean(axis=1), np.float32(1e-6))
+        return radius
 
 
 class Exp:
@@ -119,7 +119,7 @@ class AlwaysReject:
 
 
 class Random:
-    """Guesses, but gives the same answer to the same pair of clips."""
+    """Guesses, anew in each comparison; the guesses of a run follow from its seed."""
 
     name = "random"
 
@@ -128,8 +128,8 @@ class Random:
         self._rng = np.random.default_rng(seed)
 
     def embed(self, clips: Sequence[Clip]) -> NDArray[Any]:
-        """(N, 2) random integers."""
-        return self._rng.integers(2**63, size=(len(clips), 2), dtype=np.uint64)
+        """Nothing: (N, 0)."""
+        return np.empty((len(clips), 0), np.float32)
 
     def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
         """Distance and confidence uniform in [0, 1) and independent of one another.
@@ -137,10 +137,8 @@ class Random:
         Raises:
             SupportError: no action, or an action without examples.
         """
-        _counts(support)
-        actions = np.array([np.bitwise_xor.reduce(clips, axis=0) for clips in support.values()])
-        guess = _hashed(queries[:, None] ^ actions)
-        return _comparison(support, guess[..., 0], guess[..., 1])
+        guess = self._rng.random((2, len(queries), len(_counts(support))), dtype=np.float32)
+        return _comparison(support, guess[0], guess[1])
 
 
 def _counts(support: Mapping[str, NDArray[Any]]) -> list[int]:
@@ -162,13 +160,3 @@ def _comparison(
         confidence=confidence,
         probability=weights / weights.sum(axis=1, keepdims=True),
     )
-
-
-def _hashed(keys: NDArray[np.uint64]) -> FloatArray:
-    """Uniform numbers in [0, 1) that follow from 64-bit keys (the finaliser of splitmix64)."""
-    mixed = keys
-    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
-    mixed ^= mixed >> np.uint64(31)
-    # 24 bits are what a float32 holds without rounding up to 1
-    return ((mixed >> np.uint64(40)) / 2**24).astype(np.float32)

@@ -19,7 +19,7 @@ def dtw_distance(queries: NDArray[Any], supports: NDArray[Any]) -> FloatArray:
     The alignment starts at the first frames, ends at the last ones and moves on by one frame in
     either sequence or in both: with c the distance between frames,
     D[i, j] = c[i, j] + min(D[i-1, j], D[i, j-1], D[i-1, j-1]); the result is D[-1, -1] / (F + G).
-    The distance between two frames is the mean over joints of the distance in space.
+    The distance between two frames is the root mean square over joints of the distance in space.
 
     Args:
         queries: (Q, F, J, 3) prepared frames.
@@ -37,19 +37,17 @@ def dtw_distance(queries: NDArray[Any], supports: NDArray[Any]) -> FloatArray:
 
 
 def _frame_distances(queries: NDArray[Any], supports: NDArray[Any]) -> FloatArray:
-    """(F, G, Q, S) mean over joints of the distance between frame f of q and frame g of s.
+    """(F, G, Q, S) distance between frame f of query q and frame g of support s.
 
-    From |a - b|² = |a|² + |b|² - 2ab, one matrix product per joint.
+    From |a - b|² = |a|² + |b|² - 2ab, so that one matrix product serves all pairs.
     """
     (q, f, joints, _), (s, g) = queries.shape, supports.shape[:2]
-    total = np.zeros((q * f, s * g), np.float32)
-    for joint in range(joints):
-        a = np.asarray(queries[:, :, joint], np.float32).reshape(-1, 3)
-        b = np.asarray(supports[:, :, joint], np.float32).reshape(-1, 3)
-        squared = (a * a).sum(1)[:, None] + (b * b).sum(1) - 2 * (a @ b.T)
-        # rounding can leave the square of a zero distance a hair below zero
-        total += np.sqrt(np.maximum(squared, 0))
-    return (total / joints).reshape(q, f, s, g).transpose(1, 3, 0, 2)
+    a = np.asarray(queries, np.float32).reshape(q * f, joints * 3)
+    b = np.asarray(supports, np.float32).reshape(s * g, joints * 3)
+    squared = (a * a).sum(1)[:, None] + (b * b).sum(1) - 2 * (a @ b.T)
+    # rounding can leave the square of a zero distance a hair below zero
+    distance: FloatArray = np.sqrt(np.maximum(squared, 0) / np.float32(joints))
+    return distance.reshape(q, f, s, g).transpose(1, 3, 0, 2)
 
 
 def _warped(cost: FloatArray) -> FloatArray:
