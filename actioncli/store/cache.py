@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from actioncli.errors import StoreError
 from actioncli.store.database import writing
+from actioncli.store.examples import require
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,6 +40,7 @@ def read_embeddings(
         "LEFT JOIN embeddings ON example = id AND weights = ? WHERE negative = ? ORDER BY id",
         (weights, negative),
     ):
+        require(str, label)
         labels[example] = label
         if data is not None and crc == _crc(example, weights, frames, width, data):
             found[example] = np.frombuffer(data, "<f4").reshape(frames, width)

@@ -58,20 +58,20 @@ def reading(path: Path) -> Iterator[sqlite3.Connection | None]:
 
 
 @contextmanager
-def writing(path: Path, patience: float = PATIENCE) -> Iterator[sqlite3.Connection]:
+def writing(path: Path, patience: float | None = None) -> Iterator[sqlite3.Connection]:
     """One write transaction: committed when the block ends, undone when it raises.
 
     Creates the store and brings its schema up to date, in the same transaction.
 
     Args:
         path: the store's file.
-        patience: seconds to wait for other writers.
+        patience: seconds to wait for other writers; `PATIENCE` where None.
 
     Raises:
         StoreError: the file cannot be opened, locked or written as a store.
     """
     prepare(path)
-    with _connected(path, patience) as db:
+    with _connected(path, PATIENCE if patience is None else patience) as db:
         # The write lock is taken first: a reader that turned writer could deadlock with another.
         db.execute("BEGIN IMMEDIATE")
         migrations.migrate(db, path)
@@ -89,5 +89,6 @@ def _connected(path: Path, patience: float) -> Iterator[sqlite3.Connection]:
             for pragma in _PRAGMAS:
                 db.execute(pragma)
             yield db
-    except sqlite3.Error as error:
+    # In a damaged file, even the text of an error may not be text.
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         raise sqlite_fault(path, error) from error

@@ -71,6 +71,16 @@ def known(db: sqlite3.Connection | None, label: str) -> str:
     return label
 
 
+def require(kind: type, *values: object) -> None:
+    """Columns hold what they should: one flipped bit turns a text into a blob.
+
+    Raises:
+        sqlite3.DatabaseError: another type; a `StoreError` outside of the transaction.
+    """
+    if not all(isinstance(value, kind) for value in values):
+        raise sqlite3.DatabaseError(f"a column that should hold {kind.__name__} does not")
+
+
 def read_outlines(db: sqlite3.Connection, path: Path) -> list[tuple[int, Record, bool]]:
     """All examples without their bytes: identifier, record, whether there is a confidence."""
     from actioncli.store.record import OUTLINE, Record
@@ -85,17 +95,17 @@ def read_outlines(db: sqlite3.Connection, path: Path) -> list[tuple[int, Record,
     return outlines
 
 
-def read_record(db: sqlite3.Connection, path: Path, example: int) -> Record | None:
-    """One example, whose content is what was enrolled; None where there is none.
+def read_record(db: sqlite3.Connection, path: Path, example: int) -> Record:
+    """One example that is there, its content checked.
 
     Raises:
-        StoreError: the content has changed.
+        StoreError: it is not what was enrolled.
     """
     from actioncli.store.record import COLUMNS, Record
 
     row = db.execute(f"SELECT {COLUMNS} FROM examples WHERE id = ?", (example,)).fetchone()
     if row is None:
-        return None
+        raise sqlite3.DatabaseError(f"example {example} is listed but missing")
     try:
         record = Record.from_row(row)
         intact = record.intact()

@@ -12,15 +12,15 @@ _RESTORE = (
     "Keep a copy of the file, see `actioncli doctor`, and start anew from an export "
     "(`actioncli import FILE`)."
 )
-# By SQLite's primary result code; https://sqlite.org/rescode.html
+# By SQLite's result code; https://sqlite.org/rescode.html
 _REASONS = {
     sqlite3.SQLITE_NOTADB: "is not a support set (not an SQLite database, or its first bytes are "
     f"damaged). Name another file with --store or ACTIONCLI_HOME. {_RESTORE}",
     sqlite3.SQLITE_CORRUPT: f"is damaged. {_RESTORE}",
     sqlite3.SQLITE_BUSY: "is locked by another program. Wait for it or end it, then try again; "
     "on a network drive that cannot lock, move the store to a local disk (ACTIONCLI_HOME).",
-    sqlite3.SQLITE_READONLY: "cannot be written. Make the file and its folder writable, or name "
-    "another place with --store or ACTIONCLI_HOME.",
+    sqlite3.SQLITE_READONLY: "cannot be written, or not be recovered after an interrupted write. "
+    "Make the file and its folder writable, or name another place with --store or ACTIONCLI_HOME.",
     sqlite3.SQLITE_FULL: "cannot grow: the disk is full. Nothing was changed; free some space and "
     "try again.",
     sqlite3.SQLITE_CANTOPEN: "cannot be opened. Check that the folder exists and that you may "
@@ -29,14 +29,17 @@ _REASONS = {
     "or cannot lock. Check it, or move the store to a local disk (ACTIONCLI_HOME).",
 }
 _REASONS[sqlite3.SQLITE_LOCKED] = _REASONS[sqlite3.SQLITE_BUSY]
+# The journal of an interrupted write cannot be deleted: the folder is read-only.
+_REASONS[sqlite3.SQLITE_IOERR_DELETE] = _REASONS[sqlite3.SQLITE_READONLY]
 _REASONS[sqlite3.SQLITE_PERM] = _REASONS[sqlite3.SQLITE_CANTOPEN]
 
 
-def sqlite_fault(path: Path, error: sqlite3.Error) -> StoreError:
+def sqlite_fault(path: Path, error: sqlite3.Error | UnicodeDecodeError) -> StoreError:
     """The error of a database as a `StoreError` that names the file and the remedy."""
     # Errors that Python raises itself (text that is not UTF-8) carry no code.
-    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-    reason = _REASONS.get(code, f"cannot be used. {_RESTORE}")
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
+    # The lower byte of an extended code is the primary one.
+    reason = _REASONS.get(code) or _REASONS.get(code & 0xFF) or f"cannot be used. {_RESTORE}"
     return StoreError(f"{path} {reason} ({error})")
 
 

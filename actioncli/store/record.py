@@ -86,8 +86,9 @@ class Record:
         """
         label, negative, source, note, added, fps, frames, names, checksum, joints, weights = row
         named = json.loads(names)
-        if not (isinstance(named, list) and isinstance(joints, bytes)):
-            raise TypeError("joints or their names are of another type")
+        texts = (label, source, note, added, checksum)
+        if not (isinstance(named, list) and all(isinstance(text, str) for text in texts)):
+            raise TypeError("a column is of another type")
         return cls(
             label, bool(negative), source, note, added, float(fps), frames, tuple(named), checksum,
             joints, weights,
@@ -104,7 +105,8 @@ class Record:
     def intact(self) -> bool:
         """Whether the content is what it was when the clip was enrolled."""
         return (
-            len(self.joints) == self.frames * len(self.joint_names) * 12
+            isinstance(self.joints, bytes)
+            and len(self.joints) == self.frames * len(self.joint_names) * 12
             and _content_checksum(self.fps, self.joint_names, self.joints, self.confidence)
             == self.checksum
         )

@@ -18,6 +18,7 @@ from actioncli.store.examples import (
     known,
     read_outlines,
     read_record,
+    require,
 )
 from actioncli.store.location import exists, folder_open_to_others, open_to_others, store_path
 from actioncli.store.names import check_label
@@ -117,10 +118,11 @@ class SupportStore:
                 "SELECT label, count(*), total((frames - 1) / fps), max(added), max(negative) "
                 "FROM examples GROUP BY label ORDER BY label"
             )
-            return [
-                Action(label, examples, seconds, added, bool(negative))
-                for label, examples, seconds, added, negative in rows or ()
-            ]
+            actions = []
+            for label, examples, seconds, added, negative in rows or ():
+                require(str, label, added)
+                actions.append(Action(label, examples, seconds, added, bool(negative)))
+            return actions
 
     def examples(self, label: str | None = None) -> list[Example]:
         """The examples of a label, or all, by label and in the order of enrolment.
@@ -136,7 +138,13 @@ class SupportStore:
                 "note FROM examples WHERE ?1 IS NULL OR label = ?1 ORDER BY label, id",
                 (label,),
             )
-            return [Example(row[0], row[1], bool(row[2]), *row[3:]) for row in rows or ()]
+            examples = []
+            for number, label, negative, *rest in rows or ():
+                source, checksum, _, _, fps, added, note = rest
+                require(str, label, source, checksum, added, note)
+                require(float, fps)
+                examples.append(Example(number, label, bool(negative), *rest))
+            return examples
 
     def clip(self, example: int) -> Clip:
         """The clip of an example.
@@ -145,12 +153,14 @@ class SupportStore:
             SupportError: there is no such example.
         """
         with reading(self.path) as db:
-            record = read_record(db, self.path, example) if db else None
-        if record is None:
-            raise SupportError(
-                f"There is no example {example} in {self.path}; `actioncli show LABEL` lists "
-                "those of an action."
-            )
+            # As text, for a number that someone typed may exceed SQLite's integers.
+            found = db and db.execute("SELECT 1 FROM examples WHERE id = ?", (str(example),))
+            if db is None or not found or found.fetchone() is None:
+                raise SupportError(
+                    f"There is no example {example} in {self.path}; `actioncli show LABEL` lists "
+                    "those of an action."
+                )
+            record = read_record(db, self.path, example)
         return record.clip()
 
     def support(self) -> dict[str, list[Clip]]:
@@ -200,7 +210,6 @@ class SupportStore:
         fresh = {
             example: np.asarray(embed([record.clip()])[0], "<f4")
             for example, record in missing.items()
-            if record is not None
         }
         if fresh:
             keep_embeddings(self.path, weights_checksum, fresh)
@@ -222,7 +231,7 @@ class SupportStore:
             label = known(db, label)
             removed = db.execute(
                 "DELETE FROM examples WHERE label = ?1 AND (?2 IS NULL OR id = ?2)",
-                (label, example),
+                (label, None if example is None else str(example)),
             ).rowcount
             if not removed:
                 raise SupportError(
@@ -272,11 +281,10 @@ class SupportStore:
             outlines = read_outlines(db, self.path) if db else []
             if db is None or not outlines:
                 raise SupportError(f"Nothing is enrolled in {self.path}: nothing to export.")
-            records = (read_record(db, self.path, example) for example, _, _ in outlines)
             write_archive(
                 Path(path).absolute(),
                 [Entry(outline, confidence) for _, outline, confidence in outlines],
-                (record for record in records if record is not None),
+                (read_record(db, self.path, example) for example, _, _ in outlines),
             )
         return len(outlines)
 
@@ -356,5 +364,4 @@ class SupportStore:
             if db is None:
                 return []
             rows = db.execute("SELECT id FROM examples WHERE negative = ? ORDER BY id", (negative,))
-            records = [read_record(db, self.path, example) for (example,) in rows.fetchall()]
-        return [record for record in records if record is not None]
+            return [read_record(db, self.path, example) for (example,) in rows.fetchall()]

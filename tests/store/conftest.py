@@ -1,0 +1,29 @@
+"""Fixtures of the store's tests."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from storing import give_away
+
+from actioncli.store.store import SupportStore
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SupportStore:
+    """A store that does not exist yet, in a folder that does not either."""
+    return SupportStore(tmp_path / "home" / "support.db")
+
+
+@pytest.fixture
+def shared_folder() -> Iterator[Path]:
+    """An empty folder that an ordinary user can reach and owns."""
+    folder = Path(tempfile.mkdtemp())
+    give_away(folder)
+    yield folder
+    folder.chmod(0o700)
+    shutil.rmtree(folder)

@@ -1,0 +1,95 @@
+"""What the tests of the store share: small clips, and children that can be killed or demoted."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+import unicodedata  # noqa: F401 - a child without rights on the interpreter cannot import it
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import actioncli.store.archive
+import actioncli.store.record  # noqa: F401 - likewise
+from actioncli.clips.clip import Clip
+
+NOBODY = 65534
+
+
+def make_clip(
+    seed: int, frames: int = 6, joints: int = 4, confidence: bool = False, source: str = "clip.npy"
+) -> Clip:
+    """A small clip that differs for each seed."""
+    rng = np.random.default_rng(seed)
+    return Clip(
+        rng.normal(size=(frames, joints, 3)),
+        [f"joint{place}" for place in range(joints)],
+        25.0,
+        rng.random((frames, joints)) if confidence else None,
+        source,
+    )
+
+
+def same(first: Clip, second: Clip) -> bool:
+    """Whether two clips have the same content, bit for bit."""
+    return (
+        np.array_equal(first.joints, second.joints)
+        and first.joint_names == second.joint_names
+        and first.fps == second.fps
+        and (first.confidence is None) == (second.confidence is None)
+        and (
+            first.confidence is None
+            or second.confidence is None
+            or np.array_equal(first.confidence, second.confidence)
+        )
+    )
+
+
+def fork(work: Callable[[], object], ordinary: bool = False) -> int:
+    """Run `work` in a child process and return its id; the child ends with 0 if `work` did.
+
+    Args:
+        work: what to do.
+        ordinary: give up root's rights first, which no permission would stop.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    with warnings.catch_warnings():
+        # Newer Pythons warn where the parent has threads; the child here touches none.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if child:
+        return child
+    code = 1
+    try:
+        if ordinary and os.geteuid() == 0:
+            os.setgroups([])
+            os.setgid(NOBODY)
+            os.setuid(NOBODY)
+        work()
+        code = 0
+    except BaseException:  # noqa: BLE001 - the child must end here, and say why
+        traceback.print_exc()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
+
+
+def succeeded(child: int) -> bool:
+    """Wait for a child; whether it ended well."""
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def as_ordinary_user(work: Callable[[], object]) -> bool:
+    """Whether `work` succeeds without root's rights."""
+    return succeeded(fork(work, ordinary=True))
+
+
+def give_away(*paths: Path) -> None:
+    """Make an ordinary user the owner, so that `as_ordinary_user` may use the files."""
+    if os.geteuid() == 0:
+        for path in paths:
+            os.chown(path, NOBODY, NOBODY)

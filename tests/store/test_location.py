@@ -1,0 +1,192 @@
+"""Where the store lies, and who can read it."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+from pathlib import Path
+
+import pytest
+from storing import as_ordinary_user, fork, give_away, make_clip, succeeded
+
+from actioncli.errors import StoreError
+from actioncli.store.database import writing
+from actioncli.store.location import store_path
+from actioncli.store.store import SupportStore
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_an_explicit_path_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ACTIONCLI_HOME", "/nowhere")
+    assert store_path(tmp_path / "a.db") == tmp_path / "a.db"
+    monkeypatch.chdir(tmp_path)
+    assert store_path("a.db") == tmp_path / "a.db"
+
+
+def test_the_environment_names_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ACTIONCLI_HOME", str(tmp_path))
+    assert store_path() == tmp_path / "support.db"
+    monkeypatch.setenv("ACTIONCLI_HOME", "~/actions")
+    assert store_path() == Path.home() / "actions" / "support.db"
+    monkeypatch.setenv("ACTIONCLI_HOME", "~nobody-of-this-name/actions")
+    with pytest.raises(StoreError, match="names no folder"):
+        store_path()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the folder differs between systems")
+def test_the_users_data_folder_is_the_default(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACTIONCLI_HOME", "")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert store_path() == tmp_path / "actioncli" / "support.db"
+
+
+def test_only_the_owner_can_read(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "home" / "support.db"
+
+    def enrol() -> None:
+        os.umask(0)
+        SupportStore(path).enroll("wave", make_clip(0))
+        with writing(path) as db:
+            db.execute("DELETE FROM examples")
+            journal = path.with_name("support.db-journal")
+            assert mode(journal) == 0o600
+
+    assert succeeded(fork(enrol))
+    assert mode(path.parent) == 0o700
+    assert mode(path) == 0o600
+    assert [file.name for file in path.parent.iterdir()] == ["support.db"]
+
+
+def test_a_strict_umask_does_not_lock_the_owner_out(tmp_path: Path) -> None:
+    path = tmp_path / "home" / "support.db"
+
+    def enrol() -> None:
+        os.umask(0o077)
+        SupportStore(path).enroll("wave", make_clip(0))
+
+    assert succeeded(fork(enrol))
+    assert (mode(path.parent), mode(path)) == (0o700, 0o600)
+
+
+def test_an_empty_folder_is_closed_and_a_used_one_is_left(tmp_path: Path) -> None:
+    empty, used = tmp_path / "empty", tmp_path / "used"
+    for folder in (empty, used):
+        folder.mkdir()
+        folder.chmod(0o755)
+    (used / "thesis.txt").write_text("mine")
+    SupportStore(empty / "support.db").enroll("wave", make_clip(0))
+    SupportStore(used / "support.db").enroll("wave", make_clip(0))
+    assert (mode(empty), mode(used)) == (0o700, 0o755)
+
+
+def test_a_store_that_was_opened_to_others_is_told_and_closed(store: SupportStore) -> None:
+    store.enroll("wave", make_clip(0))
+    store.path.chmod(0o644)
+    store.path.parent.chmod(0o777)
+    problems = store.check()
+    assert len(problems) == 2
+    assert "chmod 600" in problems[0]
+    assert "chmod 700" in problems[1]
+    store.enroll("wave", make_clip(1))
+    assert mode(store.path) == 0o600
+    store.path.parent.chmod(0o700)
+    assert store.check() == []
+
+
+def test_odd_names_are_names(tmp_path: Path) -> None:
+    for name in ("with space", "ünï çödé 挥手", "a?mode=memory#x%41", "'quote'", "new\nline"):
+        store = SupportStore(tmp_path / name / f"{name}.db")
+        store.enroll("wave", make_clip(0))
+        assert [file.name for file in store.path.parent.iterdir()] == [f"{name}.db"]
+        assert len(store.actions()) == 1
+
+
+@pytest.mark.parametrize("action", ["actions", "enroll"])
+def test_what_cannot_be_a_store_is_named(tmp_path: Path, action: str) -> None:
+    def use(path: Path | str) -> None:
+        store = SupportStore(path)
+        if action == "actions":
+            store.actions()
+        else:
+            store.enroll("wave", make_clip(0))
+
+    with pytest.raises(StoreError, match="is a folder") as error:
+        use(tmp_path)
+    assert error.value.exit_code == 5
+
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text("")
+    link = tmp_path / "support.db"
+    link.symlink_to(elsewhere)
+    with pytest.raises(StoreError, match="symbolic link"):
+        use(link)
+    assert elsewhere.read_text() == ""
+    dangling = tmp_path / "dangling.db"
+    dangling.symlink_to(tmp_path / "nothing")
+    with pytest.raises(StoreError, match="symbolic link"):
+        use(dangling)
+    assert not (tmp_path / "nothing").exists()
+
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(StoreError, match="no ordinary file"):
+        use(tmp_path / "pipe")
+    with pytest.raises(StoreError, match="cannot be a file name"):
+        use("a\0b")
+    with pytest.raises(StoreError, match="cannot hold a support set"):
+        use("/" + "x" * 5000)
+
+
+def test_a_file_in_place_of_the_folder_is_told(tmp_path: Path) -> None:
+    (tmp_path / "home").write_text("")
+    store = SupportStore(tmp_path / "home" / "support.db")
+    assert store.actions() == []
+    with pytest.raises(StoreError, match="cannot hold a support set"):
+        store.enroll("wave", make_clip(0))
+
+
+def test_permissions_are_told(shared_folder: Path) -> None:
+    shut = shared_folder / "shut"
+    shut.mkdir()
+    store = SupportStore(shut / "support.db")
+    store.enroll("wave", make_clip(0))
+    give_away(shut, store.path)
+
+    def refused() -> None:
+        for use in (store.actions, lambda: store.enroll("wave", make_clip(1))):
+            with pytest.raises(StoreError) as error:
+                use()
+            assert str(store.path) in str(error.value)
+            assert "ACTIONCLI_HOME" in str(error.value) or "another place" in str(error.value)
+        assert len(store.check()) == 1
+
+    shut.chmod(0o000)
+    assert as_ordinary_user(refused)
+    shut.chmod(0o700)
+    store.path.chmod(0o000)
+    assert as_ordinary_user(refused)
+
+
+def test_a_read_only_store_can_be_read(shared_folder: Path) -> None:
+    shut = shared_folder / "shut"
+    store = SupportStore(shut / "support.db")
+    store.enroll("wave", make_clip(0))
+    give_away(shut, store.path)
+    shut.chmod(0o500)
+    store.path.chmod(0o400)
+
+    def only_read() -> None:
+        assert [action.label for action in store.actions()] == ["wave"]
+        assert len(store.support()["wave"]) == 1
+        assert store.check() == []
+        with pytest.raises(StoreError, match="cannot be written"):
+            store.enroll("clap", make_clip(1))
+        with pytest.raises(StoreError, match="Permission denied"):
+            SupportStore(shut / "other.db").enroll("clap", make_clip(1))
+
+    assert as_ordinary_user(only_read)
