@@ -7,7 +7,8 @@ for all of them: the midpoint of the hips and the midpoint of the shoulders.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 
@@ -57,62 +58,74 @@ LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 # What a joint may be called elsewhere, best first; `{s}` stands for either side's spelling and
-# all is compared in lower case without separators. A hand stands in for a missing wrist, a foot
-# for a missing ankle (OpenNI).
+# all is compared in lower case without separators. Rigs name a joint by the bone that it moves
+# (`LeftArm` turns about the shoulder, `LeftLeg` about the knee), so the bone comes before the
+# body part that some of them use for the collarbone (`LeftShoulder`). Where several columns are
+# listed, their midpoint is the joint. A hand stands in for a missing wrist, a foot for a missing
+# ankle (OpenNI), markers at the front of the pelvis for the hips.
 _SIDED: Mapping[str, tuple[str, ...]] = {
-    "hip": ("{s}hip", "hip{s}", "{s}upleg", "upperleg{s}", "thigh{s}", "{s}thigh", "{s}hipjoint",
-            "{s}upperleg", "hipjoint{s}"),
-    "kne": ("{s}kne", "{s}knee", "knee{s}", "{s}leg", "lowerleg{s}", "{s}lowerleg", "calf{s}",
-            "shin{s}", "{s}shin", "{s}calf"),
-    "ank": ("{s}ank", "{s}ankle", "ankle{s}", "{s}foot", "foot{s}", "{s}foo"),
-    "sho": ("{s}sho", "{s}arm", "upperarm{s}", "{s}upperarm", "{s}shoulder", "shoulder{s}"),
-    "elb": ("{s}elb", "{s}elbow", "elbow{s}", "{s}forearm", "lowerarm{s}", "forearm{s}",
-            "{s}lowerarm"),
-    "wri": ("{s}wri", "{s}wrist", "wrist{s}", "{s}hand", "hand{s}", "{s}han"),
+    "hip": ("{s}hjc", "{s}hip", "hip{s}", "{s}upleg", "upleg{s}", "upperleg{s}", "{s}upperleg",
+            "thigh{s}", "{s}thigh", "{s}thighbend", "{s}hipjoint", "hipjoint{s}", "{s}asis",
+            "{s}asi"),
+    "kne": ("{s}kjc", "{s}kne", "{s}knee", "knee{s}", "{s}leg", "leg{s}", "lowerleg{s}",
+            "{s}lowerleg", "{s}lowleg", "calf{s}", "{s}calf", "shin{s}", "{s}shin"),
+    "ank": ("{s}ajc", "{s}ank", "{s}ankle", "ankle{s}", "{s}foot", "foot{s}", "{s}foo"),
+    "sho": ("{s}sjc", "{s}sho", "{s}arm", "arm{s}", "upperarm{s}", "{s}upperarm", "{s}uparm",
+            "{s}shldr", "{s}shldrbend", "{s}shoulder", "shoulder{s}"),
+    "elb": ("{s}ejc", "{s}elb", "{s}elbow", "elbow{s}", "{s}forearm", "forearm{s}",
+            "lowerarm{s}", "{s}lowerarm", "{s}lowarm", "{s}forearmbend"),
+    "wri": ("{s}wjc", "{s}wri", "{s}wrist", "wrist{s}", "{s}wra {s}wrb", "{s}hand", "hand{s}",
+            "{s}han"),
 }  # fmt: skip
-_HEAD = ("head", "headcenter")
-_EARS = (("lear", "leftear", "earleft"), ("rear", "rightear", "earright"))
+_HEAD = ("head", "headcenter", "lear rear", "leftear rightear", "earleft earright", "leye reye",
+         "lefteye righteye", "lfhd rfhd lbhd rbhd", "nose", "htop", "headtop")  # fmt: skip
+_SIDES = {"l": ("left", "l"), "r": ("right", "r")}
+# What modelling programs put before every joint of a rig.
+_RIG_PREFIX = re.compile(r"^(?:mixamorig|bip|ccbase|character)\d*(?=\D)")
 
 
+@lru_cache(maxsize=4096)
 def _key(name: str) -> str:
     """Fold case and separators, and drop a rig's prefix (`mixamorig:LeftArm`)."""
-    return "".join(c for c in name.rpartition(":")[2].lower() if c.isalnum())
+    folded = "".join(c for c in name.rpartition(":")[2].lower() if c.isalnum())
+    return _RIG_PREFIX.sub("", folded)
 
 
-def _column_of(names: Sequence[str], spellings: Sequence[str]) -> int | None:
-    keys = {_key(name): column for column, name in reversed(list(enumerate(names)))}
-    return next((keys[spelling] for spelling in spellings if spelling in keys), None)
+def _find(columns: Mapping[str, int], spellings: Iterable[str]) -> tuple[int, ...] | None:
+    for spelling in spellings:
+        words = spelling.split()
+        if all(word in columns for word in words):
+            return tuple(columns[word] for word in words)
+    return None
 
 
-def _sides(spelling: str, side: str) -> tuple[str, ...]:
-    word = {"l": "left", "r": "right"}[side]
-    return spelling.format(s=word), spelling.format(s=side)
-
-
-def default_columns(names: Sequence[str]) -> dict[str, tuple[int, ...]]:
-    """Columns whose mean is each default joint that `names` can give.
-
-    Returns:
-        Short joint name to one column, or to the two whose midpoint it is. Joints that the
-        names cannot give are absent.
-    """
+@lru_cache(maxsize=256)
+def _default_columns(names: tuple[str, ...]) -> Mapping[str, tuple[int, ...]]:
+    columns = {_key(name): column for column, name in reversed(list(enumerate(names)))}
     found: dict[str, tuple[int, ...]] = {}
     for joint, spellings in _SIDED.items():
-        for side in "lr":
-            tried = [word for spelling in spellings for word in _sides(spelling, side)]
-            column = _column_of(names, tried)
+        for side, words in _SIDES.items():
+            tried = (spelling.format(s=word) for spelling in spellings for word in words)
+            column = _find(columns, tried)
             if column is not None:
-                found[side + joint] = (column,)
+                found[side + joint] = column
     for middle, part in (("pelv", "hip"), ("neck", "sho")):
         if f"l{part}" in found and f"r{part}" in found:
             found[middle] = found[f"l{part}"] + found[f"r{part}"]
-    head = _column_of(names, _HEAD)
-    ears = [_column_of(names, side) for side in _EARS]
+    head = _find(columns, _HEAD)
     if head is not None:
-        found["head"] = (head,)
-    elif ears[0] is not None and ears[1] is not None:
-        found["head"] = (ears[0], ears[1])
-    return found
+        found["head"] = head
+    return MappingProxyType(found)
+
+
+def default_columns(names: Sequence[str]) -> Mapping[str, tuple[int, ...]]:
+    """Columns whose mean is each default joint that `names` can give.
+
+    Returns:
+        Short joint name to one column, or to those whose midpoint it is. Joints that the
+        names cannot give are absent.
+    """
+    return _default_columns(tuple(names))
 
 
 def select_joints(

@@ -1,0 +1,233 @@
+"""Units and axes: from those of a file to right-handed metres, y up.
+
+Both are worked out from the body where a file does not state them. A unit is told by the length
+of the limbs: metres, centimetres and millimetres lie a factor of ten apart, people do not. The
+up axis is told by the posture: the head stands above the ankles along it. Turning the up axis to
+y is a rotation, never a reflection, so that left stays left; the heading that remains free needs
+no answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from actioncli.clips.clip import FloatArray
+from actioncli.clips.layouts import default_columns
+from actioncli.errors import AmbiguousClipError
+
+# Metres per unit.
+UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254})
+_UNIT_WORDS = {
+    "m": ("m", "met"),
+    "cm": ("cm", "centi"),
+    "mm": ("mm", "milli"),
+    "in": ("in", "inch"),
+}
+
+# For each axis that may point up in a file: where the canonical x, y, z are found, and their
+# signs. Each is a rotation (determinant 1). Camera axes (x right, y down, z away) are "-y":
+# turned by 180 degrees about z they keep the distance from the sensor in z.
+_TURNS: Mapping[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = MappingProxyType(
+    {
+        "y": ((0, 1, 2), (1, 1, 1)),
+        "-y": ((0, 1, 2), (-1, -1, 1)),
+        "z": ((0, 2, 1), (1, 1, -1)),
+        "-z": ((0, 2, 1), (1, -1, 1)),
+        "x": ((1, 0, 2), (-1, 1, 1)),
+        "-x": ((1, 0, 2), (1, -1, 1)),
+    }
+)
+UPS = tuple(_TURNS)
+_UP_WORDS = {"camera": "-y", "opencv": "-y", "ydown": "-y", "zdown": "-z", "xdown": "-x"}
+
+# Length of a grown person's bones in metres, between default joints.
+_BONES: Mapping[tuple[str, str], float] = MappingProxyType(
+    {
+        ("pelv", "neck"): 0.50,
+        ("lhip", "lkne"): 0.43,
+        ("rhip", "rkne"): 0.43,
+        ("lkne", "lank"): 0.42,
+        ("rkne", "rank"): 0.42,
+        ("lsho", "lelb"): 0.29,
+        ("rsho", "relb"): 0.29,
+        ("lelb", "lwri"): 0.25,
+        ("relb", "rwri"): 0.25,
+    }
+)
+# Toddlers to giants, with room for crude sensors and drawn characters: over ten collections of
+# recordings the clips' sizes run from 0.54 to 1.23. The two ends are less than a factor of ten
+# apart, so that at most one decimal unit can fit.
+_SIZES = (0.3, 2.5)
+
+# The share of frames that settles the up axis, and the cosine between it and the line from
+# ankles to head. 98 % of 9,000 recorded clips pass; those that do not, sit, lie or crawl.
+_MOST_FRAMES = 0.6
+_UPRIGHT = 0.7
+
+
+def parse_unit(text: str | float) -> float | None:
+    """Metres per unit from a name of the unit or a number; None where it is neither."""
+    word = str(text).strip().lower()
+    if word in UNITS:
+        return UNITS[word]
+    for unit, (_, *stems) in _UNIT_WORDS.items():
+        if any(word.startswith(stem) for stem in stems):
+            return UNITS[unit]
+    try:
+        metres = float(word)
+    except ValueError:
+        return None
+    return metres if 1e-9 < metres < 1e9 else None
+
+
+def parse_up(text: str) -> str | None:
+    """One of `UPS` from the usual spellings (`y`, `+Y`, `z-up`, `camera`), else None."""
+    word = str(text).strip().lower().replace("_", "").replace(" ", "")
+    sign = "-" if word.startswith("-") else ""
+    bare = word.lstrip("+-").replace("-", "")
+    up = _UP_WORDS.get(bare, bare.removesuffix("up"))
+    up = sign + up if not up.startswith("-") else up
+    return up if up in UPS else None
+
+
+def body_size(positions: FloatArray, names: tuple[str, ...]) -> float | None:
+    """How long the bones are against a grown person's, in the file's unit (a ratio x unit).
+
+    Args:
+        positions: (T, J, 3), finite.
+        names: J joint names.
+
+    Returns:
+        The median ratio over bones of their median length over frames, or None where the names
+        give no bone.
+    """
+    columns = default_columns(names)
+    ratios = [
+        float(np.median(_distance(positions, columns[one], columns[other]))) / length
+        for (one, other), length in _BONES.items()
+        if one in columns and other in columns
+    ]
+    return float(np.median(ratios)) if ratios else None
+
+
+def infer_unit(size: float | None, where: str) -> str:
+    """The one unit in which the body has a person's size.
+
+    Raises:
+        AmbiguousClipError: none fits, or there is no body to measure.
+    """
+    if size is None:
+        raise AmbiguousClipError(
+            f"{where}: the unit of length is not stated, and the joint names give no bone to "
+            f"measure. Give --unit ({', '.join(UNITS)}) or, if the names are wrong, --layout."
+        )
+    fitting = [unit for unit in ("m", "cm", "mm") if fits_a_body(size, UNITS[unit])]
+    if len(fitting) != 1:
+        raise AmbiguousClipError(
+            f"{where}: the unit of length is not stated and cannot be told from the body: its "
+            f"torso and limbs are {size:.3g} times a grown person's in metres, "
+            f"{size / 100:.3g} times in centimetres, {size / 1000:.3g} times in millimetres. "
+            f"Give --unit ({', '.join(UNITS)}, or metres per unit as a number)."
+        )
+    return fitting[0]
+
+
+def fits_a_body(size: float, metres: float) -> bool:
+    """Whether bones of `size` (see `body_size`) are a person's at `metres` per unit."""
+    return _SIZES[0] <= size * metres <= _SIZES[1]
+
+
+def infer_up(
+    positions: FloatArray, names: tuple[str, ...], metres: float, rest_up: str | None, where: str
+) -> str:
+    """The axis along which the head is above the ankles in most frames.
+
+    Only y, -y and z are ever inferred; other conventions are so rare that a person who lies
+    down is the likelier reading. For the same reason z is not inferred where y looks like the
+    height above a floor, or z like the distance from a sensor.
+
+    Args:
+        positions: (T, J, 3) in the file's unit, finite.
+        names: J joint names.
+        metres: per unit.
+        rest_up: what the file's rest pose says, or None.
+        where: the file, for the message.
+
+    Raises:
+        AmbiguousClipError: the posture settles nothing, or contradicts the rest pose.
+    """
+    shares = _upright_shares(positions, names)
+    standing = max(shares, key=lambda axis: shares[axis]) if shares else None
+    upright = standing is not None and shares[standing] >= _MOST_FRAMES
+    if rest_up is not None and (not upright or standing == rest_up):
+        return rest_up
+    if upright and rest_up is None and standing in ("y", "-y"):
+        return standing
+    if upright and rest_up is None and standing == "z" and not _may_lie(positions, metres):
+        return "z"
+    if not shares:
+        seen = "the joint names give no head and ankles or hips to see the posture by"
+    elif upright and rest_up is not None:
+        seen = f"the rest pose stands along {rest_up} but the motion along {standing}"
+    elif upright:
+        seen = (
+            f"the head is beyond the feet along {standing} in {shares[standing or '']:.0%} of "
+            "the frames, which may be a person standing or one lying down"
+        )
+    else:
+        figures = ", ".join(f"{axis} {share:.0%}" for axis, share in shares.items() if share)
+        seen = f"the head is above the feet along: {figures or 'no axis'} of the frames"
+    raise AmbiguousClipError(
+        f"{where}: the axis that points up is not stated and cannot be told from the posture: "
+        f"{seen}. Give --up ({', '.join(UPS)}; camera axes, with y down in the image, are -y)."
+    )
+
+
+def to_canonical(positions: FloatArray, metres: float, up: str) -> FloatArray:
+    """Right-handed metres, y up, from a file's unit and axes.
+
+    Args:
+        positions: (..., 3).
+        metres: per unit.
+        up: one of `UPS`.
+    """
+    order, signs = _TURNS[up]
+    factors = np.array([sign * metres for sign in signs])
+    turned: FloatArray = (positions[..., list(order)] * factors).astype(np.float32)
+    return turned
+
+
+def _upright_shares(positions: FloatArray, names: tuple[str, ...]) -> dict[str, float]:
+    """Signed axis to the share of frames in which the head is above the feet along it."""
+    columns = default_columns(names)
+    low = [columns[joint] for joint in ("lank", "rank") if joint in columns]
+    low = low or [columns["pelv"]] if "pelv" in columns else low
+    if "head" not in columns or not low:
+        return {}
+    feet = np.mean([positions[:, list(pair)].mean(axis=1) for pair in low], axis=0)
+    line = positions[:, list(columns["head"])].mean(axis=1) - feet
+    length = np.linalg.norm(line, axis=1, keepdims=True)
+    cosine = line / np.where(length > 0, length, 1)
+    return {
+        ("-" if sign < 0 else "") + axis: float((sign * cosine[:, at] > _UPRIGHT).mean())
+        for at, axis in enumerate("xyz")
+        for sign in (1, -1)
+    }
+
+
+def _may_lie(positions: FloatArray, metres: float) -> bool:
+    """Whether a body that extends along z could be lying before a sensor or on a floor at y 0."""
+    low, middle = (
+        np.median(part, axis=0) * metres for part in (positions.min(axis=1), positions.mean(axis=1))
+    )
+    before_a_sensor = abs(low[2]) > 1.5
+    on_a_floor = abs(low[1]) < 0.1 and middle[1] > 0.08
+    return bool(before_a_sensor or on_a_floor)
+
+
+def _distance(positions: FloatArray, one: tuple[int, ...], other: tuple[int, ...]) -> FloatArray:
+    line = positions[:, list(one)].mean(axis=1) - positions[:, list(other)].mean(axis=1)
+    return np.asarray(np.linalg.norm(line, axis=1), dtype=np.float32)

@@ -1,0 +1,175 @@
+"""Collections: many labelled clips, for training and evaluation."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip
+from actioncli.clips.gaps import BoolArray, fill_gaps, missing_joints
+from actioncli.clips.layouts import default_columns
+from actioncli.clips.read import find_clips, read_clip
+from actioncli.errors import ClipError
+
+_KEYS = ("joints_mm", "lengths", "labels", "subjects", "joint_names", "fps")
+_METRES = np.float32(0.001)
+# NTU RGB+D names performers in the file name (S001C002P003R002A013), others by s03, subject_3.
+_SUBJECT = re.compile(
+    r"(?<=C\d{3})P\d{3}(?=R\d{3})|(?i:(?<![a-z\d])(?:s|p|subj|subject|person)_?\d+)(?![a-z\d])"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Collection:
+    """Labelled clips.
+
+    Attributes:
+        clips: N clips.
+        labels: N action classes.
+        subjects: N performers; "" where the source does not tell.
+        name: of the collection.
+        notes: what reading decided (clips skipped), for people.
+    """
+
+    clips: tuple[Clip, ...]
+    labels: tuple[str, ...]
+    subjects: tuple[str, ...]
+    name: str
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the lengths.
+
+        Raises:
+            ClipError: they differ.
+        """
+        if not len(self.clips) == len(self.labels) == len(self.subjects):
+            raise ClipError(
+                f"{self.name}: {len(self.clips)} clips, {len(self.labels)} labels and "
+                f"{len(self.subjects)} subjects; the three belong together."
+            )
+
+    def __len__(self) -> int:
+        return len(self.clips)
+
+
+def read_collection(path: str | os.PathLike[str]) -> Collection:
+    """Read a collection.
+
+    Args:
+        path: an `.npz` with `joints_mm` (sum of lengths, J, 3) in millimetres and the axes of
+            `Clip`, `lengths` (N,), `labels` (N,), `subjects` (N,), `joint_names` (J,) and
+            `fps`; or a folder with a folder of clips for each label.
+
+    Raises:
+        ClipError: it cannot be read, is damaged, or holds no clip.
+    """
+    place = Path(path)
+    return _from_folder(place) if place.is_dir() else _from_archive(place)
+
+
+def _from_folder(folder: Path) -> Collection:
+    labels, clips, subjects = [], [], []
+    try:
+        actions = sorted(entry for entry in folder.iterdir() if entry.is_dir())
+    except OSError as error:
+        raise ClipError(f"{folder}: cannot be read: {error.strerror or error}.") from error
+    for action in actions:
+        for file in find_clips([action]):
+            if file == action:
+                continue
+            clips.append(read_clip(file))
+            labels.append(action.name)
+            subject = _SUBJECT.search(file.stem)
+            subjects.append(subject[0] if subject else "")
+    if not clips:
+        raise ClipError(
+            f"{folder}: holds no clips; a collection is a folder with a folder for each label "
+            "(wave/anna.npy), or an .npz file."
+        )
+    return Collection(tuple(clips), tuple(labels), tuple(subjects), folder.resolve().name)
+
+
+def _from_archive(file: Path) -> Collection:
+    from actioncli.clips.formats.files import check_file
+    from actioncli.clips.formats.npz import read_arrays
+
+    check_file(file)
+    try:
+        arrays = read_arrays(file, _KEYS)
+    except (OSError, MemoryError) as error:
+        raise ClipError(f"{file}: cannot be read: {error}.") from error
+    joints, names, fps, lengths = _checked(arrays, file)
+    ends = np.cumsum(lengths)
+    labels, subjects = arrays["labels"].tolist(), arrays["subjects"].tolist()
+    known = sorted({at for columns in default_columns(names).values() for at in columns})
+    gaps: BoolArray = np.logical_or.reduce(missing_joints(joints[:, known]), axis=1)
+    kept: list[int] = []
+    clips: list[Clip] = []
+    unusable = 0
+    for clip, (end, length) in enumerate(zip(ends.tolist(), lengths.tolist(), strict=True)):
+        positions = joints[end - length : end].astype(np.float32) * _METRES
+        where = f"{file} (clip {clip + 1})"
+        try:
+            if gaps[end - length : end].any():
+                positions, *_ = fill_gaps(positions, names, fps, where)
+            if positions.shape[1] != len(names):
+                raise ClipError(f"{where}: joints are mostly missing.")
+            clips.append(Clip(positions, names, fps, source=where))
+            kept.append(clip)
+        except ClipError:
+            # Still, empty or mostly gap: of no use for training, and no fault of the file.
+            unusable += 1
+    if not clips:
+        raise ClipError(f"{file}: none of its {len(lengths)} clips moves.")
+    notes = (f"{unusable} of {len(lengths)} clips skipped (still or mostly gap)",)
+    return Collection(
+        tuple(clips),
+        tuple(str(labels[at]) for at in kept),
+        tuple(str(subjects[at]) for at in kept),
+        file.stem,
+        notes if unusable else (),
+    )
+
+
+def _checked(
+    arrays: Mapping[str, NDArray[Any]], file: Path
+) -> tuple[NDArray[Any], tuple[str, ...], float, NDArray[np.int64]]:
+    """Joints, joint names, frame rate and lengths, if all parts of a collection fit together."""
+    lacking = [key for key in _KEYS if key not in arrays]
+    if lacking:
+        raise ClipError(f"{file}: is not a collection: it lacks {', '.join(lacking)}.")
+    joints, lengths, names = arrays["joints_mm"], arrays["lengths"], arrays["joint_names"]
+    if joints.ndim != 3 or joints.shape[2] != 3 or joints.dtype.kind not in "iuf":
+        raise ClipError(
+            f"{file}: joints_mm must be numbers (frames, joints, 3), not {joints.shape}."
+        )
+    if lengths.ndim != 1 or lengths.dtype.kind not in "iu" or (lengths.astype(np.int64) < 0).any():
+        raise ClipError(f"{file}: lengths must be a list of counts.")
+    frames = sum(lengths.tolist())
+    if frames != len(joints):
+        raise ClipError(
+            f"{file}: is damaged: its lengths add up to {frames} frames, joints_mm has "
+            f"{len(joints)}."
+        )
+    for key in ("labels", "subjects"):
+        if arrays[key].shape != lengths.shape or arrays[key].dtype.kind != "U":
+            raise ClipError(
+                f"{file}: {key} must be {len(lengths)} words, one for each of the lengths."
+            )
+    if names.shape != joints.shape[1:2] or names.dtype.kind != "U":
+        raise ClipError(f"{file}: joint_names must be {joints.shape[1]} words.")
+    if len(set(names.tolist())) != len(names):
+        raise ClipError(f"{file}: joint_names holds a name twice.")
+    rate = arrays["fps"]
+    if rate.size != 1 or rate.dtype.kind not in "iuf" or not 0 < float(rate.reshape(-1)[0]) < 1e6:
+        raise ClipError(f"{file}: fps must be one positive number.")
+    fps = float(rate.reshape(-1)[0])
+    return joints, tuple(names.tolist()), fps, lengths.astype(np.int64)

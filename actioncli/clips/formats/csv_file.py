@@ -1,0 +1,197 @@
+"""CSV: one row a frame, a header that names the joint and the axis of each column."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from actioncli.clips.clip import FloatArray
+from actioncli.clips.formats.files import Numbers, number, text_lines
+from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.errors import ClipError
+
+_SEP = r"[\s_.:\-/|]*"
+_AXIS = r"(?:pos(?:ition)?|coord(?:inate)?|world|t)?" + _SEP + r"(?P<axis>[xyz])"
+_UNIT = r"(?:" + _SEP + r"[(\[]?(?P<unit>mm|cm|m)[)\]]?)?"
+# `lsho_x`, `lsho.X`, `LeftArm X (mm)`, `lm_0_z`, `LeftArmX` (capital without separator), and
+# the axis first: `x_lsho`, `x0`.
+_STYLES = (
+    re.compile(rf"(?P<joint>.+?)[\s_.:\-/|(\[]+(?i:{_AXIS})[)\]]?(?i:{_UNIT})"),
+    re.compile(rf"(?i:{_AXIS})[\s_.:\-/|]+(?P<joint>.+?)"),
+    re.compile(r"(?i:(?P<axis>[xyz]))(?P<joint>\d+)"),
+    re.compile(r"(?P<joint>.*[a-z\d])(?P<axis>[XYZ])"),
+)
+_TIME = re.compile(r"(?i)(?:time|timestamp|t|sec|seconds)[\s_(\[]*(?P<unit>s|sec|ms|us|ns)?[)\]]?")
+_PERSON = re.compile(r"(?i)(?:person|body|subject|track|people)(?:[\s_]*(?:id|index|nr))?|id|pid")
+_CONFIDENCE = re.compile(
+    r"(?i)(?P<joint>.+?)[\s_.:\-/|]+(?:v|vis|visibility|c|conf|confidence|score|likelihood)"
+)
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_MOST_PEOPLE = 64
+
+
+class _Columns:
+    """What each column of the header holds."""
+
+    def __init__(self, header: list[str], file: Path) -> None:
+        found: dict[str, dict[str, int]] = {}
+        units = set()
+        self.confidence: dict[str, int] = {}
+        self.time: int | None = None
+        self.person: int | None = None
+        self.time_unit = 1.0
+        for column, title in enumerate(header):
+            name = title.strip()
+            match = next((m for style in _STYLES if (m := style.fullmatch(name))), None)
+            if match is not None:
+                found.setdefault(match["joint"], {}).setdefault(match["axis"].lower(), column)
+                unit = match.groupdict().get("unit")
+                units.add(unit.lower() if unit else None)
+            elif seen := _CONFIDENCE.fullmatch(name):
+                self.confidence[seen["joint"]] = column
+            elif (time := _TIME.fullmatch(name)) and self.time is None:
+                self.time = column
+                self.time_unit = _SECONDS.get((time["unit"] or "").lower(), 1.0)
+            elif _PERSON.fullmatch(name) and self.person is None:
+                self.person = column
+        self.joints = {name: axes for name, axes in found.items() if len(axes) == 3}
+        if not self.joints:
+            half = next((name for name, axes in found.items()), None)
+            hint = (
+                f"; {half!r} lacks x, y or z"
+                if half is not None
+                else "; found: " + ", ".join(repr(title.strip()[:30]) for title in header[:6])
+            )
+            raise ClipError(
+                f"{file}: its first line names no joint with x, y and z columns (like "
+                f"lsho_x,lsho_y,lsho_z){hint}."
+            )
+        if len(self.joints) > MOST_JOINTS:
+            raise ClipError(f"{file}: names {len(self.joints)} joints; at most {MOST_JOINTS}.")
+        self.unit = next(iter(units)) if len(units) == 1 else None
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """Joint names, or None where the columns are only counted (`x0`, `joint_3_x`)."""
+        counted = [re.fullmatch(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*(\d+)", n)
+                   for n in self.joints]  # fmt: skip
+        if not all(counted):
+            return tuple(self.joints)
+        order = sorted(self.joints, key=lambda name: int(re.sub(r"\D", "", name)[:9]))
+        self.joints = {name: self.joints[name] for name in order}
+        return None
+
+
+def read(file: Path) -> Recording:
+    """Joint positions from a table.
+
+    The columns are separated by comma, semicolon (with decimal commas too) or tab. A column
+    `time` gives the frame rate, one of `person` tells several people apart, `lsho_visibility`
+    and the like give the confidence. Empty cells are gaps.
+
+    Raises:
+        ClipError: no header names joints, or a row does not fit it.
+    """
+    lines = _rows(file)
+    header = next(lines, (0, []))[1]
+    columns = _Columns(header, file)
+    names = columns.names
+    picked = [column for axes in columns.joints.values() for _, column in sorted(axes.items())]
+    seen = [columns.confidence.get(name) for name in columns.joints]
+    extra = [column for column in seen if column is not None]
+    has_confidence = len(extra) == len(seen)
+    places = Numbers(file, len(picked) + (len(extra) if has_confidence else 0))
+    wanted = picked + (extra if has_confidence else [])
+    times: list[float] = []
+    people: list[str] = []
+    for line, row in lines:
+        if len(row) < len(header):
+            raise ClipError(f"{file}: line {line} has {len(row)} of {len(header)} columns.")
+        try:
+            places.add([number(row[column]) for column in wanted])
+            if columns.time is not None:
+                times.append(number(row[columns.time]))
+        except ValueError as error:
+            raise ClipError(f"{file}: line {line}: {error}.") from error
+        if columns.person is not None:
+            people.append(row[columns.person].strip())
+    if len(places) < 2:
+        raise ClipError(f"{file}: a clip needs at least 2 frames, this has {len(places)} rows.")
+    table = places.table()
+    split, times = _by_person(table, people, times, file)
+    frames, count = split.shape[:2]
+    positions = split[:, :, : len(picked)].reshape(frames, count, -1, 3)
+    confidence = split[:, :, len(picked) :] if has_confidence else None
+    return Recording(
+        positions,
+        joint_names=names,
+        fps=_rate(times, columns.time_unit),
+        unit=columns.unit,
+        confidence=None if confidence is None else np.clip(np.nan_to_num(confidence), 0, 1),
+    )
+
+
+def _rows(file: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and cells; the separator is the one that the header has most of."""
+    lines = text_lines(file)
+    first = next((line for line in lines if line.strip()), "")
+    separator = max(",;\t", key=first.count)
+    decimal_comma = separator == ";"
+    yield 1, _cells(first, separator, file)
+    for at, line in enumerate(lines, 2):
+        if line.strip():
+            cells = _cells(line, separator, file)
+            yield at, [cell.replace(",", ".") for cell in cells] if decimal_comma else cells
+
+
+def _cells(line: str, separator: str, file: Path) -> list[str]:
+    if '"' not in line:
+        return line.split(separator)
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error as error:
+        raise ClipError(f"{file}: is not a table: {error}.") from error
+
+
+def _by_person(
+    table: FloatArray, people: list[str], times: list[float], file: Path
+) -> tuple[FloatArray, list[float]]:
+    """Rows (R, C) of several people, each with a row a frame, to (T, P, C).
+
+    Rows of one frame follow each other: a frame ends where somebody appears again.
+    """
+    known = dict.fromkeys(people)
+    if len(known) < 2:
+        return table[:, None], times
+    if len(known) > _MOST_PEOPLE:
+        raise ClipError(f"{file}: names {len(known)} people; at most {_MOST_PEOPLE} are read.")
+    column = {person: at for at, person in enumerate(known)}
+    frame = 0
+    here: set[str] = set()
+    frames = []
+    starts = [0]
+    for row, person in enumerate(people):
+        if person in here or (times and row and times[row] != times[row - 1]):
+            frame, here = frame + 1, set()
+            starts.append(row)
+        here.add(person)
+        frames.append(frame)
+    if (frame + 1) * len(known) * table.shape[1] > LARGEST_CLIP:
+        raise ClipError(f"{file}: holds more than {LARGEST_CLIP} numbers; cut out the action.")
+    split = np.full((frame + 1, len(known), table.shape[1]), np.nan, dtype=np.float32)
+    split[frames, [column[person] for person in people]] = table
+    return split, [times[row] for row in starts] if times else times
+
+
+def _rate(times: list[float], unit: float) -> float | None:
+    """Frames per second from the times of frames, where they tell."""
+    if len(times) < 2:
+        return None
+    step = float(np.median(np.diff(np.asarray(times)))) * unit
+    # Times that count in milliseconds without saying so.
+    step = step / 1000 if step >= 2 and unit == 1.0 else step
+    return round(1 / step, 3) if 1e-3 <= step <= 2 else None

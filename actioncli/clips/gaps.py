@@ -1,0 +1,154 @@
+"""Gaps: joints that a sensor did not see for a moment are interpolated in time.
+
+A gap is filled by a straight line between the samples around it, and held at the ends. What is
+mostly gap is refused: a line drawn through it would be motion that nobody made.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import FloatArray
+from actioncli.clips.layouts import default_columns
+from actioncli.errors import ClipError
+
+BoolArray = NDArray[np.bool_]
+
+# A joint, or a body, that is missing in more than half of what was recorded is not known.
+_MOST_MISSING = 0.5
+# The whole body may be out of sight for this long (seconds) before the clip counts as two.
+_LONGEST_ABSENCE = 1.0
+# The origin of a clip that is centred on the body stands at zero and is no gap.
+_ROOTS = frozenset(
+    {"pelv", "pelvis", "hips", "hip", "hipcenter", "midhip", "chip", "root", "jointroot"}
+    | {"spinebase", "torso"}
+)
+
+
+def missing_joints(positions: FloatArray, zeros_are_gaps: bool = True) -> BoolArray:
+    """Which joints are not there: (..., J, 3) to (..., J)."""
+    missing: BoolArray = np.logical_not(np.isfinite(positions).all(axis=-1))
+    if zeros_are_gaps:
+        missing |= (positions == 0).all(axis=-1)
+    return missing
+
+
+def fill_gaps(
+    positions: FloatArray,
+    names: tuple[str, ...],
+    fps: float,
+    where: str,
+    confidence: FloatArray | None = None,
+    zeros_are_gaps: bool = True,
+) -> tuple[FloatArray, tuple[str, ...], FloatArray | None, tuple[str, ...]]:
+    """Fill short gaps; drop empty frames at the ends and joints that nothing reads.
+
+    Args:
+        positions: (T, J, 3); a joint that is NaN, infinite or exactly zero is a gap.
+        names: J joint names.
+        fps: frames per second.
+        where: the file, for messages.
+        confidence: (T, J) or None; 0 afterwards where a gap was filled.
+        zeros_are_gaps: False where (0, 0, 0) is a position like any other.
+
+    Returns:
+        Positions without gaps, the remaining joint names, the confidence, notes for people.
+
+    Raises:
+        ClipError: the clip, or a default joint, is mostly gap, or the whole body is out of
+            sight for more than a second.
+    """
+    missing = missing_joints(positions, zeros_are_gaps)
+    if not missing.any():
+        return positions, names, confidence, ()
+    known = sorted({column for columns in default_columns(names).values() for column in columns})
+    needed = [
+        column for column in known or range(len(names)) if not _is_root(missing, names, column)
+    ]
+    _check_mostly_there(missing, needed, names, where)
+
+    notes = []
+    seen = np.flatnonzero(~missing[:, needed].all(axis=1))
+    if len(seen) < 2:
+        raise ClipError(f"{where}: a body is seen in {len(seen)} of {len(missing)} frames.")
+    if len(seen) < len(missing):
+        pause = int(np.diff(seen).max()) - 1
+        if pause > _LONGEST_ABSENCE * fps:
+            first = int(seen[np.diff(seen).argmax()]) + 1
+            raise ClipError(
+                f"{where}: the body is out of sight for {pause} frames ({pause / fps:.1f} s) "
+                f"after frame {first}; cut the recording there."
+            )
+        ends = slice(int(seen[0]), int(seen[-1]) + 1)
+        cut = len(missing) - (ends.stop - ends.start)
+        positions, missing = positions[ends], missing[ends]
+        confidence = None if confidence is None else confidence[ends]
+        if cut:
+            notes.append(f"{cut} empty frames at the ends dropped")
+
+    unseen = missing.mean(axis=0) > _MOST_MISSING
+    unseen &= [not _is_root(missing, names, column) for column in range(len(names))]
+    if unseen.any():
+        notes.append("joints mostly missing, dropped: " + ", ".join(_named(names, unseen)))
+        positions, missing = positions[:, ~unseen], missing[:, ~unseen]
+        confidence = None if confidence is None else confidence[:, ~unseen]
+        names = tuple(_named(names, ~unseen))
+    missing[:, [_is_root(missing, names, column) for column in range(len(names))]] = False
+    if missing.any():
+        positions = _interpolate(positions, missing)
+        if confidence is not None:
+            confidence = np.where(missing, np.float32(0), confidence)
+        notes.append(
+            f"gaps filled: {missing.mean():.1%} of the joint positions, "
+            f"the longest over {_longest_run(missing)} frames"
+        )
+    return positions, names, confidence, tuple(notes)
+
+
+def _is_root(missing: BoolArray, names: tuple[str, ...], column: int) -> bool:
+    name = "".join(c for c in names[column].lower() if c.isalnum())
+    return name in _ROOTS and bool(missing[:, column].all())
+
+
+def _check_mostly_there(
+    missing: BoolArray, needed: list[int], names: tuple[str, ...], where: str
+) -> None:
+    share = missing[:, needed].mean() if needed else 1.0
+    if share > _MOST_MISSING:
+        raise ClipError(
+            f"{where}: mostly gap: {share:.0%} of the joint positions are missing (NaN or "
+            f"zero) over {len(missing)} frames; record the action again."
+        )
+    lost = {names[column]: missing[:, column].mean() for column in needed}
+    lost = {name: share for name, share in lost.items() if share > _MOST_MISSING}
+    if lost:
+        figures = ", ".join(f"{name} in {share:.0%}" for name, share in lost.items())
+        raise ClipError(
+            f"{where}: joints are missing in most of the {len(missing)} frames: {figures}; "
+            "record the action again with the whole body in view."
+        )
+
+
+def _interpolate(positions: FloatArray, missing: BoolArray) -> FloatArray:
+    filled = np.array(positions, dtype=np.float32)
+    frames = np.arange(len(filled))
+    for joint in np.flatnonzero(missing.any(axis=0)):
+        gap = missing[:, joint]
+        for axis in range(3):
+            line = filled[:, joint, axis]
+            line[gap] = np.interp(frames[gap], frames[~gap], line[~gap])
+    return filled
+
+
+def _longest_run(missing: BoolArray) -> int:
+    """Frames of the longest unbroken gap of any joint."""
+    longest = run = np.zeros(missing.shape[1], dtype=int)
+    for frame in missing:
+        run = np.where(frame, run + 1, 0)
+        longest = np.maximum(longest, run)
+    return int(longest.max())
+
+
+def _named(names: tuple[str, ...], chosen: BoolArray) -> list[str]:
+    return [name for name, picked in zip(names, chosen, strict=True) if picked]

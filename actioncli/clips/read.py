@@ -1,0 +1,267 @@
+"""Read a clip from a file of any supported format.
+
+A format's reader says what the file holds; here is decided, once for all formats, what it means:
+which person, which joints, which unit, which way is up. Nothing is guessed: what is inferred is
+unambiguous and stands in the clip's notes, the rest is an error that names the settling option.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from actioncli.clips import axes
+from actioncli.clips.clip import Clip
+from actioncli.clips.gaps import fill_gaps
+from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.persons import most_active
+from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.errors import AmbiguousClipError, ClipError, UsageError
+
+# Suffix to the module of `actioncli.clips.formats` that reads it.
+_FORMATS = {
+    ".npy": "npy",
+    ".npz": "npz",
+    ".json": "json_file",
+    ".csv": "csv_file",
+    ".skeleton": "ntu",
+    ".trc": "trc",
+    ".bvh": "bvh",
+}
+CLIP_SUFFIXES = tuple(_FORMATS)
+# How the content begins where it tells the format for certain.
+_BEGINNINGS = {
+    b"\x93NUMPY": "npy",
+    b"PK\x03\x04": "npz",
+    b"HIERARCHY": "bvh",
+    b"PathFileType": "trc",
+}
+_USUAL_FPS = 30.0
+
+
+def read_clip(
+    path: str | os.PathLike[str],
+    layout: str | None = None,
+    fps: float | None = None,
+    unit: str | float | None = None,
+    up: str | None = None,
+) -> Clip:
+    """Read one person's clip.
+
+    Args:
+        path: a file with one of `CLIP_SUFFIXES`.
+        layout: one of `layouts.LAYOUTS`; names the joints in column order.
+        fps: frames per second.
+        unit: of length: m, cm, mm, in, or metres per unit.
+        up: the axis that points up: y, -y (camera axes), z, -z, x or -x.
+            Options win over what the file states.
+
+    Raises:
+        ClipError: the file cannot be read or does not hold a clip.
+        AmbiguousClipError: an option must say what the file does not.
+        UsageError: an option has an impossible value.
+    """
+    _check_options(layout, fps, unit, up)
+    file = Path(path)
+    recording = _read(file)
+    stated = replace(
+        recording,
+        layout=layout or recording.layout,
+        joint_names=None if layout else recording.joint_names,
+        fps=recording.fps if fps is None else float(fps),
+        unit=recording.unit if unit is None else str(unit),
+        up=up or recording.up,
+    )
+    return _decide(stated, str(path), unit_is_certain=unit is not None)
+
+
+def find_clips(
+    paths: Iterable[str | os.PathLike[str]], suffixes: Sequence[str] = CLIP_SUFFIXES
+) -> list[Path]:
+    """Files, folders (all clips below them, by name) and globs as a list of files.
+
+    What is named outright, or matches nothing, stays in the list: reading it gives the error.
+    """
+    found: dict[Path, None] = {}
+    for path in paths:
+        here = Path(path)
+        if here.is_dir():
+            clips = sorted(_clips_below(here, suffixes))
+        elif not here.exists() and any(mark in str(here) for mark in "*?["):
+            clips = sorted(_matching(here, suffixes))
+        else:
+            clips = [here]
+        found.update(dict.fromkeys(clips or [here]))
+    return list(found)
+
+
+def _matching(pattern: Path, suffixes: Sequence[str]) -> Iterable[Path]:
+    try:
+        matches = Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor)))
+        for match in matches:
+            yield from _clips_below(match, suffixes) if match.is_dir() else [match]
+    # Not a pattern after all (`a**b`): a file of that name, which does not exist.
+    except ValueError:
+        return
+
+
+def _clips_below(folder: Path, suffixes: Sequence[str]) -> Iterable[Path]:
+    for root, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
+                yield Path(root, name)
+
+
+def _check_options(
+    layout: str | None, fps: float | None, unit: str | float | None, up: str | None
+) -> None:
+    if layout is not None and layout not in LAYOUTS:
+        raise UsageError(f"unknown layout {layout!r}; --layout is one of {', '.join(LAYOUTS)}.")
+    if fps is not None and not (np.isfinite(fps) and fps > 0):
+        raise UsageError(f"--fps must be a positive number, not {fps!r}.")
+    if unit is not None and axes.parse_unit(unit) is None:
+        raise UsageError(
+            f"unknown unit {unit!r}; --unit is one of {', '.join(axes.UNITS)}, or metres per "
+            "unit as a number."
+        )
+    if up is not None and axes.parse_up(up) is None:
+        raise UsageError(f"unknown axis {up!r}; --up is one of {', '.join(axes.UPS)}.")
+
+
+def _read(file: Path) -> Recording:
+    """Choose the reader by suffix, or by content where that is certain, and run it."""
+    from actioncli.clips.formats.files import check_file
+
+    suffix = file.suffix.lower()
+    beginning = check_file(file, CLIP_SUFFIXES)
+    if suffix not in _FORMATS:
+        raise ClipError(
+            f"{file}: {suffix or 'no suffix'} is not a clip format; supported: "
+            f"{', '.join(CLIP_SUFFIXES)}."
+        )
+    told = next((kind for mark, kind in _BEGINNINGS.items() if beginning.startswith(mark)), None)
+    kind = told or _FORMATS[suffix]
+    reader = importlib.import_module(f"actioncli.clips.formats.{kind}")
+    try:
+        recording: Recording = reader.read(file)
+    except OSError as error:
+        raise ClipError(f"{file}: cannot be read: {error.strerror or error}.") from error
+    except MemoryError as error:
+        raise ClipError(f"{file}: needs more memory than there is.") from error
+    if kind != _FORMATS[suffix]:
+        note = f"read as .{kind} by its content, in spite of its suffix"
+        recording = replace(recording, notes=(*recording.notes, note))
+    return recording
+
+
+def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
+    """From what the file holds to a clip, in the order in which one answer needs another."""
+    frames, _, joints, _ = recording.positions.shape
+    if recording.positions.size > LARGEST_CLIP or frames > LONGEST_CLIP or joints > MOST_JOINTS:
+        raise ClipError(
+            f"{where}: {frames} frames of {joints} joints are more than the {LONGEST_CLIP} "
+            f"frames, {MOST_JOINTS} joints or {LARGEST_CLIP} coordinates that a clip may have; "
+            "cut out the action."
+        )
+    if frames < 2:
+        raise ClipError(f"{where}: a clip needs at least 2 frames, this has {frames}.")
+    names, notes = _joint_names(recording, where)
+    recording = most_active(replace(recording, notes=recording.notes + notes), where)
+    told = list(recording.notes)
+    fps = recording.fps
+    if fps is None:
+        fps = _USUAL_FPS
+        told.append(f"frame rate not stated: {fps:g} assumed (--fps)")
+    elif not (np.isfinite(fps) and fps > 0):
+        raise ClipError(f"{where}: states {fps:g} frames per second; give --fps.")
+    confidence = None if recording.confidence is None else recording.confidence[:, 0]
+    positions, names, confidence, gaps = fill_gaps(
+        recording.positions[:, 0], names, fps, where, confidence, recording.zeros_are_gaps
+    )
+    told.extend(gaps)
+
+    size = axes.body_size(positions, names)
+    if recording.unit is None:
+        unit = axes.infer_unit(size, where)
+        metres = axes.UNITS[unit]
+        told.append(f"unit inferred from the size of the body: {unit} (--unit)")
+    else:
+        metres = _stated_unit(recording.unit, size, unit_is_certain, where)
+    if recording.up is None:
+        up = axes.infer_up(positions, names, metres, recording.rest_up, where)
+        told.append(f"up axis inferred from the posture: {up} (--up)")
+    else:
+        up = axes.parse_up(recording.up) or ""
+        if not up:
+            raise AmbiguousClipError(
+                f"{where}: states the up axis {recording.up[:40]!r}, which is none of "
+                f"{', '.join(axes.UPS)}; give --up."
+            )
+    canonical = axes.to_canonical(positions, metres, up)
+    return Clip(canonical, names, fps, confidence, source=where, notes=told)
+
+
+def _joint_names(recording: Recording, where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names of the columns, and a note where they were inferred."""
+    joints = recording.positions.shape[2]
+    names = recording.joint_names
+    if names is not None:
+        if len(names) != joints:
+            raise ClipError(
+                f"{where}: {joints} joints but {len(names)} joint names; give --layout "
+                f"({', '.join(LAYOUTS)})."
+            )
+        return names, ()
+    if recording.layout is not None:
+        named = LAYOUTS.get(recording.layout)
+        if named is None:
+            raise AmbiguousClipError(
+                f"{where}: states the layout {recording.layout[:40]!r}, which is unknown; give "
+                f"--layout ({', '.join(LAYOUTS)})."
+            )
+        if len(named) != joints:
+            raise ClipError(
+                f"{where}: {joints} joints, but the layout {recording.layout} has {len(named)}; "
+                f"of this count: {', '.join(_layouts_of(joints)) or 'none'}."
+            )
+        return named, ()
+    fitting = _layouts_of(joints)
+    if len(fitting) == 1:
+        return LAYOUTS[fitting[0]], (f"layout inferred from {joints} joints: {fitting[0]}",)
+    if fitting:
+        raise AmbiguousClipError(
+            f"{where}: its {joints} joints are not named, and {len(fitting)} layouts have that "
+            f"many; give --layout {' or '.join(fitting)}."
+        )
+    known = ", ".join(f"{name} ({len(columns)})" for name, columns in LAYOUTS.items())
+    raise ClipError(
+        f"{where}: its {joints} joints are not named, and no layout has that many: {known}. "
+        "Save joint names beside the positions (.npz or .json with joint_names)."
+    )
+
+
+def _layouts_of(joints: int) -> list[str]:
+    return [name for name, columns in LAYOUTS.items() if len(columns) == joints]
+
+
+def _stated_unit(unit: str, size: float | None, certain: bool, where: str) -> float:
+    """Metres per unit as stated; a file's statement must give a body of some person's size."""
+    metres = axes.parse_unit(unit)
+    if metres is None:
+        raise AmbiguousClipError(
+            f"{where}: states the unit {unit[:40]!r}, which is none of {', '.join(axes.UNITS)}; "
+            "give --unit."
+        )
+    if not certain and size is not None and not axes.fits_a_body(size, metres):
+        raise AmbiguousClipError(
+            f"{where}: states {unit} as its unit, but the body's torso and limbs would be "
+            f"{size * metres:.3g} times a grown person's; give --unit "
+            f"({', '.join(axes.UNITS)}, or metres per unit as a number)."
+        )
+    return metres
