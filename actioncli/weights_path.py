@@ -26,7 +26,6 @@ def weights_file(name: str) -> Path:
     path = weights_folder() / name
     if not path.is_file():
         raise WeightsError(
-            f"{path} is missing: this installation of actioncli is incomplete. Install it again "
-            "(pip install --force-reinstall actioncli), or name a weights file yourself."
+            f"{path} is missing: this installation of actioncli is incomplete. Install it again."
         )
     return path
