@@ -3,63 +3,80 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
 
+# Bones of the default joints from the pelvis outwards: joint, its parent, standard length in
+# torso lengths (a rounded adult). A parent always stands before its children.
+BONES: tuple[tuple[str, str, float], ...] = (
+    ("lhip", "pelv", 0.2),
+    ("rhip", "pelv", 0.2),
+    ("neck", "pelv", 1.0),
+    ("lkne", "lhip", 0.8),
+    ("rkne", "rhip", 0.8),
+    ("lank", "lkne", 0.78),
+    ("rank", "rkne", 0.78),
+    ("head", "neck", 0.45),
+    ("lsho", "neck", 0.37),
+    ("rsho", "neck", 0.37),
+    ("lelb", "lsho", 0.58),
+    ("relb", "rsho", 0.58),
+    ("lwri", "lelb", 0.52),
+    ("rwri", "relb", 0.52),
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
     """What is done to a clip before the model sees it; part of the model's configuration.
 
+    The defaults are the paper's: pelvis-centred, equidistant in time.
+
     Attributes:
         joints: names of the J joints that the model reads, in its order.
         frames: number of frames F sampled from the clip.
-        scale: divide by the length of the torso, so that children and adults, and sensors of
-            different calibration, look alike.
+        size: "recorded" keeps metres; "torso" divides by the length of the torso; "standard"
+            keeps the direction of every bone and gives it a standard length, so that neither
+            the performer's proportions nor where a sensor puts its joints are left. Needs the
+            default joints.
         heading: turn about the vertical so that the hips and shoulders of all clips point the
             same way.
+        motion: how far frames are equidistant in motion instead of time, from 0 to 1: pauses
+            then take few frames and quick movements many.
     """
 
     joints: tuple[str, ...] = DEFAULT_JOINTS
     frames: int = 16
-    scale: bool = False
+    size: Literal["recorded", "torso", "standard"] = "recorded"
     heading: bool = False
+    motion: float = 0.0
 
 
 def prepare(clip: Clip, preparation: Preparation) -> FloatArray:
-    """F equidistant frames of the joints that the model reads, centred on the pelvis.
+    """The F frames of the joints that the model reads, centred on the pelvis.
 
     Returns:
-        (F, J, 3) float32: metres, or torso lengths where `scale` is on.
+        (F, J, 3) float32: metres, or torso lengths where `size` is not "recorded".
 
     Raises:
         ClipError: the clip's layout lacks a joint that the model reads.
     """
-    joints = select_joints(clip.joints, clip.joint_names, preparation.joints, clip.source)
     names = preparation.joints
+    joints = select_joints(clip.joints, clip.joint_names, names, clip.source)
     joints = joints - joints[:, [names.index("pelv")]]
     if preparation.heading:
         joints = turn_to_front(joints, names)
-    if preparation.scale:
+    if preparation.size == "torso":
         joints = joints / torso_length(joints, names)
-    return sample(joints, preparation.frames)
-
-
-def sample(joints: FloatArray, frames: int) -> FloatArray:
-    """`frames` equidistant frames from first to last, linear between neighbours."""
-    at = np.linspace(0, len(joints) - 1, frames)
-    before = np.minimum(at.astype(int), len(joints) - 2)
-    share = (at - before).astype(np.float32)[:, None, None]
-    return np.asarray(joints[before] * (1 - share) + joints[before + 1] * share, np.float32)
-
-
-def torso_length(joints: FloatArray, names: tuple[str, ...]) -> np.float32:
-    """Median distance from pelvis to neck, metres; the median, since single frames jump."""
-    torso = joints[:, names.index("neck")] - joints[:, names.index("pelv")]
-    return np.float32(max(np.median(np.linalg.norm(torso, axis=1)), 1e-3))
+    elif preparation.size == "standard":
+        joints = standard_body(joints, names)
+    frames = sample(joints, preparation.frames, preparation.motion)
+    # Between two frames a limb that swings is interpolated too short.
+    return standard_body(frames, names) if preparation.size == "standard" else frames
 
 
 def turn_to_front(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
@@ -74,3 +91,56 @@ def turn_to_front(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]], np.float32)
     return np.asarray(joints @ turn, np.float32)
+
+
+def torso_length(joints: FloatArray, names: tuple[str, ...]) -> np.float32:
+    """Median distance from pelvis to neck, metres; the median, since single frames jump."""
+    torso = joints[:, names.index("neck")] - joints[:, names.index("pelv")]
+    return np.float32(max(np.median(np.linalg.norm(torso, axis=1)), 1e-3))
+
+
+def standard_body(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
+    """The same pose on a body of standard proportions: bone directions kept, lengths replaced.
+
+    Args:
+        joints: (T, J, 3) with the pelvis at the origin.
+        names: J names, the default joints in any order.
+
+    Returns:
+        (T, J, 3) in torso lengths.
+    """
+    children = [names.index(joint) for joint, _, _ in BONES]
+    parents = [names.index(parent) for _, parent, _ in BONES]
+    length = np.array([length for _, _, length in BONES], np.float32)
+    bones = joints[:, children] - joints[:, parents]
+    # A bone of no length has no direction and stays a point.
+    bones *= (length / (np.linalg.norm(bones, axis=2) + 1e-6))[..., None]
+    standard = np.zeros_like(joints)
+    for bone, (child, parent) in enumerate(zip(children, parents, strict=True)):
+        standard[:, child] = standard[:, parent] + bones[:, bone]
+    return standard
+
+
+def sample(joints: FloatArray, frames: int, motion: float = 0.0) -> FloatArray:
+    """`frames` frames from first to last, linear between neighbours.
+
+    Args:
+        joints: (T, J, 3).
+        frames: number of frames wanted.
+        motion: share of motion in the clock by which frames are equidistant: with m the mean
+            distance that joints move from frame to frame, the clock advances by
+            (1 - motion) / (T - 1) + motion · m / Σm.
+
+    Returns:
+        (frames, J, 3).
+    """
+    last = len(joints) - 1
+    at = np.linspace(0, last, frames)
+    if motion:
+        moved = np.linalg.norm(np.diff(joints, axis=0), axis=2).mean(axis=1)
+        advance = (1 - motion) / last + motion * moved / max(float(moved.sum()), 1e-9)
+        clock = np.concatenate([[0.0], np.cumsum(advance)])
+        at = np.interp(np.linspace(0, clock[-1], frames), clock, np.arange(last + 1))
+    before = np.minimum(at.astype(int), last - 1)
+    share = (at - before).astype(np.float32)[:, None, None]
+    return np.asarray(joints[before] * (1 - share) + joints[before + 1] * share, np.float32)

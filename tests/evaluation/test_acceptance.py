@@ -13,7 +13,7 @@ from actioncli.evaluation.baselines import AlwaysReject, Dtw
 
 
 def test_dtw_accepts_its_own_action_most(toy: Collection) -> None:
-    scorer = Dtw(Preparation(scale=True, heading=True))
+    scorer = Dtw(Preparation(size="torso", heading=True))
     probe = scorer.embed(toy.clips)
     same = scorer.compare(probe[:8], {"same": probe[:8]}).confidence
     (table,) = acceptance(scorer, [toy], episodes=5, tau=float(np.median(same)) - 0.03)

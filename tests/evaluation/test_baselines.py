@@ -11,7 +11,7 @@ from actioncli.errors import SupportError
 from actioncli.evaluation.baselines import AlwaysReject, Dtw, Random
 from actioncli.evaluation.scorer import Scorer
 
-DEFAULT = Preparation(scale=True, heading=True)
+DEFAULT = Preparation(size="torso", heading=True)
 
 
 def scorers(toy: Collection) -> list[Scorer]:

@@ -57,7 +57,7 @@ def test_exemplars_are_the_official_ones_without_the_actions_of_two() -> None:
 
 def test_protocol_runs_for_each_number_of_ways(folder: Path) -> None:
     told: list[tuple[str, int, int]] = []
-    scorer = Dtw(Preparation(scale=True, heading=True))
+    scorer = Dtw(Preparation(size="torso", heading=True))
     found = evaluate_ntu(
         scorer, folder, ways=[5, 15], episodes=6, progress=lambda *step: told.append(step)
     )

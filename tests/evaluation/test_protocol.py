@@ -20,7 +20,7 @@ from actioncli.evaluation.splits import Split, Splits, read_splits
 
 from .conftest import collection
 
-DEFAULT = Preparation(scale=True, heading=True)
+DEFAULT = Preparation(size="torso", heading=True)
 
 
 @pytest.mark.parametrize("protocol", list(Protocol))

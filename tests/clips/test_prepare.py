@@ -1,0 +1,131 @@
+"""Preparation: what it removes is gone, what tells actions apart stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.prepare import BONES, Preparation, prepare, sample
+from actioncli.errors import ClipError
+
+PAPER = Preparation()
+FULL = Preparation(size="standard", heading=True, motion=0.5)
+AT = {name: column for column, name in enumerate(DEFAULT_JOINTS)}
+
+
+def waving(frames: int = 40, seed: int = 0) -> FloatArray:
+    """A person who faces the sensor, left at smaller x, and waves with the right hand."""
+    rest = {
+        "pelv": (0, 1, 2), "lhip": (-0.1, 1, 2), "rhip": (0.1, 1, 2),
+        "lkne": (-0.1, 0.55, 2), "rkne": (0.1, 0.55, 2), "lank": (-0.1, 0.1, 2),
+        "rank": (0.1, 0.1, 2), "neck": (0, 1.5, 2), "head": (0, 1.72, 2),
+        "lsho": (-0.2, 1.5, 2), "rsho": (0.2, 1.5, 2), "lelb": (-0.3, 1.2, 2),
+        "relb": (0.45, 1.55, 2), "lwri": (-0.3, 0.95, 2), "rwri": (0.5, 1.8, 2),
+    }  # fmt: skip
+    joints = np.tile(np.array([rest[name] for name in DEFAULT_JOINTS]), (frames, 1, 1))
+    phase = np.linspace(0, 2 * np.pi, frames)
+    joints[:, AT["rwri"], 0] += 0.15 * np.sin(2 * phase)
+    joints[:, AT["relb"], 0] += 0.03 * np.sin(2 * phase)
+    jitter = np.random.default_rng(seed).normal(0, 0.002, joints.shape)
+    return np.asarray(joints + jitter, np.float32)
+
+
+def prepared(joints: FloatArray, preparation: Preparation = FULL) -> FloatArray:
+    return prepare(Clip(joints, DEFAULT_JOINTS), preparation)
+
+
+def turned(joints: FloatArray, angle: float) -> FloatArray:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.asarray(joints @ np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]]), np.float32)
+
+
+def test_the_paper_only_centres_and_samples() -> None:
+    joints = waving()
+    ours = prepared(joints, PAPER)
+    assert ours.shape == (16, 15, 3)
+    hips = (joints[:, AT["lhip"]] + joints[:, AT["rhip"]]) / 2
+    np.testing.assert_allclose(ours[0], joints[0] - hips[0], atol=0.02)
+    np.testing.assert_allclose(ours[:, AT["pelv"]], 0, atol=1e-6)
+
+
+@given(angle=st.floats(-3.1, 3.1), shift=st.tuples(*[st.floats(-5, 5)] * 3))
+@settings(max_examples=30, deadline=None)
+def test_place_and_heading_do_not_matter(angle: float, shift: tuple[float, ...]) -> None:
+    joints = waving()
+    moved = turned(joints, angle) + np.array(shift, np.float32)
+    np.testing.assert_allclose(prepared(moved), prepared(joints), atol=2e-4)
+
+
+def test_a_person_who_faces_the_sensor_is_not_turned() -> None:
+    assert (
+        prepared(waving())[:, AT["lsho"], 0].max() < 0 < prepared(waving())[:, AT["rsho"], 0].min()
+    )
+
+
+@given(size=st.floats(0.4, 2.0))
+@settings(max_examples=20, deadline=None)
+@pytest.mark.parametrize("body", ["torso", "standard"])
+def test_body_size_does_not_matter(body: str, size: float) -> None:
+    how = Preparation(size=body)  # type: ignore[arg-type]  # parametrised
+    joints = waving()
+    np.testing.assert_allclose(
+        prepared(joints * np.float32(size), how), prepared(joints, how), atol=1e-3
+    )
+
+
+def test_standard_bodies_have_standard_bones_and_the_same_directions() -> None:
+    ours = prepared(waving())
+    for joint, parent, length in BONES:
+        bone = ours[:, AT[joint]] - ours[:, AT[parent]]
+        np.testing.assert_allclose(np.linalg.norm(bone, axis=1), length, rtol=1e-3)
+    joints = waving()
+    before = joints[0, AT["lkne"]] - joints[0, AT["lhip"]]
+    after = ours[0, AT["lkne"]] - ours[0, AT["lhip"]]
+    assert before @ after / np.linalg.norm(before) / np.linalg.norm(after) > 0.999
+
+
+def test_a_bone_without_length_stays_finite() -> None:
+    joints = waving()
+    joints[:, AT["lwri"]] = joints[:, AT["lelb"]]
+    assert np.isfinite(prepared(joints)).all()
+
+
+def test_left_and_right_stay_apart() -> None:
+    joints = waving()
+    mirrored = joints * np.array([-1, 1, 1], np.float32)
+    swap = [
+        AT[{"l": "r", "r": "l"}[n[0]] + n[1:]] if n[0] in "lr" else AT[n] for n in DEFAULT_JOINTS
+    ]
+    other_hand = prepared(mirrored[:, swap])
+    ours = prepared(joints)
+    np.testing.assert_allclose(other_hand, ours[:, swap] * [-1, 1, 1], atol=1e-3)
+    assert np.abs(other_hand - ours).max() > 0.5
+
+
+def test_idling_takes_few_frames_when_motion_is_the_clock() -> None:
+    joints = waving(seed=0)
+    still = np.repeat(joints[:1], 60, axis=0)
+    idle = np.concatenate([still, joints, np.repeat(joints[-1:], 60, axis=0)])
+    by_time = np.abs(prepared(idle, Preparation()) - prepared(joints, Preparation())).mean()
+    by_motion = Preparation(motion=1.0)
+    assert np.abs(prepared(idle, by_motion) - prepared(joints, by_motion)).mean() < 0.3 * by_time
+
+
+@given(frames=st.integers(2, 200), wanted=st.integers(2, 48), motion=st.floats(0, 1))
+@settings(max_examples=40, deadline=None)
+def test_first_and_last_frame_are_kept(frames: int, wanted: int, motion: float) -> None:
+    joints = waving(frames)
+    ours = sample(joints, wanted, motion)
+    assert ours.shape == (wanted, 15, 3)
+    np.testing.assert_allclose(ours[0], joints[0], atol=1e-5)
+    np.testing.assert_allclose(ours[-1], joints[-1], atol=1e-3)
+
+
+def test_a_layout_without_wrists_is_refused_with_names() -> None:
+    names = [f"joint{i}" for i in range(15)]
+    with pytest.raises(ClipError, match=r"lwri.*--layout"):
+        prepare(Clip(waving(), names), PAPER)
