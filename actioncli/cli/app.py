@@ -36,6 +36,8 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
         "clear": "actioncli.cli.support:clear",
         "export": "actioncli.cli.archive:export",
         "import": "actioncli.cli.archive:import_",
+        "train": "actioncli.cli.train:train",
+        "evaluate": "actioncli.cli.evaluate:evaluate",
         "doctor": "actioncli.cli.doctor:doctor",
     }
 )

@@ -6,16 +6,21 @@ A baseline's distance decides which action is nearest, its confidence whether th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import Preparation, prepare
-from actioncli.errors import SupportError
+from actioncli.errors import SupportError, UsageError
 from actioncli.evaluation.dtw import dtw_distance
+from actioncli.evaluation.splits import Splits
 from actioncli.recognizer import Comparison, Recognizer
+
+if TYPE_CHECKING:
+    from actioncli.clips.collection import Collection
 
 # Neighbours in the cohort that tell how densely motions lie around a clip.
 _NEIGHBOURS = 10
@@ -39,7 +44,7 @@ class Dtw:
             cohort: motions that show none of the actions to be measured; empty for none.
         """
         self.preparation = preparation
-        self.name = "dtw with cohort" if cohort else "dtw"
+        self.name = "dtw-cohort" if cohort else "dtw"
         self._cohort = self._frames(cohort)
 
     def embed(self, clips: Sequence[Clip]) -> NDArray[Any]:
@@ -78,6 +83,27 @@ class Dtw:
         nearest = np.sort(distance, axis=1)[:, :_NEIGHBOURS]
         radius: FloatArray = np.maximum(nearest.mean(axis=1), np.float32(1e-6))
         return radius
+
+
+def cohort_clips(
+    collections: Sequence[Collection], splits: Splits, size: int = 256, seed: int = 0
+) -> list[Clip]:
+    """Motions to normalise by: clips of the train classes, equally many of each collection.
+
+    Raises:
+        UsageError: the splits do not fit the collections, or name no train class.
+    """
+    rng = np.random.default_rng(seed)
+    trained: list[list[Clip]] = []
+    for collection in collections:
+        classes = set(splits.classes(collection.name, "train", collection.labels))
+        numbers = [clip for clip, label in enumerate(collection.labels) if label in classes]
+        trained.append([collection.clips[clip] for clip in rng.permutation(numbers)])
+    # in turn from all collections, so that each gives its share while it has clips
+    drawn = [clip for turn in zip_longest(*trained) for clip in turn if clip is not None][:size]
+    if not drawn:
+        raise UsageError(f"{splits.source}: names no train classes to draw a cohort from.")
+    return drawn
 
 
 class Exp:

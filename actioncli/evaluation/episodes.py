@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from actioncli.errors import ClipError
 
 Indices = NDArray[np.intp]
-People = NDArray[np.str_]
 
 # Queries of one enrolled class in one episode, at most: enough to rank, few enough that episodes
 # of a large collection differ.
@@ -97,14 +96,16 @@ class Sampler:
         self.protocol = protocol
         self.shots = shots
         self.seed = seed
-        self._labels = np.array(labels, dtype=np.str_)
-        self._subjects = np.array(subjects, dtype=np.str_)
-        used = np.isin(self._labels, self.classes)
-        self._people = np.unique(self._subjects[used])
+        self._shown: dict[tuple[str, str], list[int]] = {}
+        for clip, (label, person) in enumerate(zip(labels, subjects, strict=True)):
+            if label in classes:
+                self._shown.setdefault((label, person), []).append(clip)
+        self._people = sorted({person for _, person in self._shown})
         if "" in self._people:
+            nameless = sum(len(clips) for (_, person), clips in self._shown.items() if not person)
             raise ClipError(
-                f"{name}: {np.count_nonzero(self._subjects[used] == '')} clips do not tell their "
-                f"performer, which the {protocol} protocol needs."
+                f"{name}: {nameless} clips do not tell their performer, which the {protocol} "
+                "protocol needs."
             )
         if protocol is Protocol.CROSS_PERSON and len(self._people) < 2:
             raise ClipError(
@@ -191,16 +192,17 @@ class Sampler:
         queries = rng.permutation(np.setdiff1d(asked, support))
         return (support, queries) if len(support) == self.shots and len(queries) else None
 
-    def _groups(self, rng: np.random.Generator) -> tuple[People, People]:
+    def _groups(self, rng: np.random.Generator) -> tuple[list[str], list[str]]:
         """Performers who enrol, and performers who ask."""
-        order = rng.permutation(self._people)
+        order = [str(person) for person in rng.permutation(self._people)]
         if self.protocol is Protocol.PERSONAL:
             return order[:1], order[:1]
         half = len(order) // 2
         return order[:half], order[half:]
 
-    def _clips(self, label: str, people: People) -> Indices:
-        return np.flatnonzero((self._labels == label) & np.isin(self._subjects, people))
+    def _clips(self, label: str, people: Sequence[str]) -> Indices:
+        clips = [clip for person in people for clip in self._shown.get((label, person), ())]
+        return np.array(clips, dtype=np.intp)
 
     def _generator(self, ways: int, number: int) -> np.random.Generator:
         # The collection's name, not its place in the argument list.

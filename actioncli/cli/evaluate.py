@@ -1,0 +1,363 @@
+"""`evaluate`: measure a model, or a baseline, on collections of recordings."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from actioncli.cli.common import (
+    Settings,
+    WeightsOption,
+    checked_tau,
+    command,
+    tell_notes,
+)
+from actioncli.cli.output import number, printable, progress, say, table, write_json
+from actioncli.errors import UsageError
+
+if TYPE_CHECKING:
+    from actioncli.clips.collection import Collection
+    from actioncli.evaluation.acceptance import Acceptance
+    from actioncli.evaluation.result import Evaluation, Result
+    from actioncli.evaluation.scorer import Scorer
+    from actioncli.evaluation.splits import Splits
+
+PROTOCOLS = ("cross-person", "personal")
+BASELINES = ("exp", "dtw", "dtw-cohort", "always-reject", "random")
+_WAYS = (5, 10, 15)
+
+
+@command
+def evaluate(
+    settings: Settings,
+    collections: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="COLLECTION...",
+            help="Collections (.npz), or folders label/clip.*.",
+            show_default=False,
+        ),
+    ] = None,
+    ways: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K,...",
+            help="Numbers of enrolled actions; all but two where a collection has too few.  "
+            "[default: 5,10,15; with --ntu 5 to 15]",
+            show_default=False,
+        ),
+    ] = None,
+    shots: Annotated[int, typer.Option(metavar="N", min=1, help="Clips per enrolled action.")] = 1,
+    episodes: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Draws per collection and number of ways.")
+    ] = 100,
+    protocol: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(PROTOCOLS),
+            help="Whether other people than the enrolled ones ask the queries, or the same one.",
+        ),
+    ] = "cross-person",
+    tau: Annotated[
+        float, typer.Option(metavar="0..1", help="Accept where the confidence is above it.")
+    ] = 0.5,
+    splits: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Draw from its benchmark classes only.  [default: all classes]",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the episodes.")] = 0,
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help=f"Measure a baseline instead of the model: {', '.join(BASELINES)}.",
+            show_default=False,
+        ),
+    ] = None,
+    weights: WeightsOption = None,
+    acceptance: Annotated[
+        bool,
+        typer.Option("--acceptance", help="Also enrol each action alone and ask all queries."),
+    ] = False,
+    ntu: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Run the one-shot protocol of NTU RGB+D 120 on its .skeleton files instead.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: Annotated[
+        Path | None,
+        typer.Option(
+            "--json",
+            metavar="FILE",
+            help="Also write one JSON document to a file; - prints it instead of tables.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Measure how well actions are recognised, and everything else rejected.
+
+    An episode enrols some actions of a collection and asks as many queries of these actions as
+    of others. Figures are mean and standard deviation over episodes; the mean over collections
+    counts those with at least four actions. The episodes follow from the seed alone, so models
+    and baselines answer the same ones. Baselines prepare clips as the weights say; exp also
+    takes their distances, and dtw-cohort normalises by clips of the train classes of --splits.
+
+    \b
+    FSOS-ACC     queries answered rightly: named if known, rejected if unknown
+    reject       the same figure of rejecting everything
+    closed set   known queries whose nearest action is the right one
+    AUROC        known queries that outscore unknown ones
+    OSCR         the same, counting only known queries that are named rightly
+    FPR95        unknown queries accepted where 95 % of the known ones are
+
+    \b
+    Examples:
+      actioncli evaluate recordings/*.npz --splits splits.json --ways 5 --json figures.json
+      actioncli evaluate kard.npz --protocol personal --baseline dtw
+      actioncli evaluate --ntu nturgb+d_skeletons --acceptance
+
+    \b
+    JSON keys:
+      scorer, weights, protocol, shots, episodes, tau, seed, results, means, skipped, acceptance
+      results[], means[]: collection, ways, ways_used, classes, queries_per_episode, metrics,
+        expected_calibration_error, reliability; means[] also collections
+      .metrics: fsos_accuracy, always_reject_fsos_accuracy, closed_set_accuracy, auroc, oscr,
+        fpr_at_95_tpr, false_accept_rate, false_reject_rate; each with mean and std
+      .reliability[]: share, confidence, accuracy
+      skipped[]: collection, reason
+      acceptance[]: collection, classes, rate, asked
+    """
+    checked_tau(tau)
+    numbers = _numbers(ways)
+    if protocol not in PROTOCOLS:
+        raise UsageError(f"unknown protocol {protocol!r}; there are {', '.join(PROTOCOLS)}.")
+    if baseline is not None and baseline not in BASELINES:
+        raise UsageError(f"unknown baseline {baseline!r}; there are {', '.join(BASELINES)}.")
+    if bool(collections) == (ntu is not None):
+        raise UsageError("give collections to measure on, or --ntu FOLDER.")
+    if ntu is not None and (splits or shots != 1 or protocol != PROTOCOLS[0]):
+        raise UsageError("--ntu is a protocol of its own: no --splits, --shots or --protocol.")
+    to_stdout = settings.json or as_json == Path("-")
+    if as_json is not None and not to_stdout:
+        _check_target(as_json)
+
+    read, parts = _read(settings, collections or [], splits)
+    scorer, checksum = _scorer(baseline, weights, seed, read, parts)
+    tables: Sequence[Acceptance] = ()
+    with _steps(settings) as step:
+        if ntu is not None:
+            from actioncli.evaluation.ntu import WAYS, evaluate_ntu
+
+            ran = evaluate_ntu(
+                scorer,
+                ntu,
+                ways=numbers or WAYS,
+                episodes=episodes,
+                tau=tau,
+                seed=seed,
+                progress=step,
+            )
+            found = ran.evaluation
+            tables = (ran.acceptance,) if acceptance else ()
+        else:
+            from actioncli.evaluation import acceptance as matrix
+            from actioncli.evaluation import protocol as run
+            from actioncli.evaluation.episodes import Protocol
+
+            chosen: dict[str, Any] = {
+                "shots": shots,
+                "episodes": episodes,
+                "protocol": Protocol(protocol),
+                "tau": tau,
+                "seed": seed,
+                "splits": parts,
+                "progress": step,
+            }
+            found = run.evaluate(scorer, read, ways=numbers or _WAYS, **chosen)
+            if acceptance:
+                tables = matrix.acceptance(scorer, read, **chosen)
+
+    for skip in found.skipped:
+        settings.tell(f"note: left out: {printable(skip.reason)}")
+    if to_stdout or as_json is not None:
+        document = _finite(
+            {
+                **found.as_json(),
+                "weights": checksum,
+                "acceptance": [table.as_json() for table in tables],
+            }
+        )
+        if to_stdout:
+            write_json(document)
+        elif as_json is not None:
+            as_json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    if not to_stdout:
+        _print(found)
+        for each in tables:
+            _print_acceptance(each, tau)
+
+
+def _numbers(ways: str | None) -> tuple[int, ...]:
+    try:
+        numbers = tuple(dict.fromkeys(int(word) for word in ways.split(","))) if ways else ()
+    except ValueError:
+        numbers = (0,)
+    if numbers and min(numbers) < 1:
+        raise UsageError(f"--ways must be numbers from 1 such as 5,10,15, not {ways!r}.")
+    return numbers
+
+
+def _check_target(file: Path) -> None:
+    """Find out before minutes of work that the result could not be written."""
+    if str(file).startswith("-"):
+        raise UsageError("--json needs a file here, or - for standard output.")
+    if not file.resolve().parent.is_dir():
+        raise UsageError(f"{file}: the folder for the JSON document does not exist.")
+
+
+def _read(
+    settings: Settings, paths: Sequence[Path], splits: Path | None
+) -> tuple[list[Collection], Splits | None]:
+    from actioncli.clips.collection import read_collection
+    from actioncli.evaluation.splits import read_splits
+
+    parts = read_splits(splits) if splits else None
+    read = []
+    for path in progress(paths, "Reading", shown=not settings.quiet):
+        read.append(read_collection(path))
+        tell_notes(settings, path, read[-1].notes)
+    return read, parts
+
+
+def _scorer(
+    baseline: str | None,
+    weights: Path | None,
+    seed: int,
+    read: Sequence[Collection],
+    parts: Splits | None,
+) -> tuple[Scorer, str | None]:
+    """What is measured, and the checksum of the weights behind it."""
+    from actioncli.evaluation import baselines
+    from actioncli.recognizer import Recognizer
+
+    if baseline == "always-reject":
+        return baselines.AlwaysReject(), None
+    if baseline == "random":
+        return baselines.Random(seed), None
+    recognizer = Recognizer(weights)
+    checksum = recognizer.weights.checksum
+    if baseline is None:
+        return recognizer, checksum
+    if baseline == "exp":
+        return baselines.Exp(recognizer), checksum
+    cohort = []
+    if baseline == "dtw-cohort":
+        if parts is None:
+            raise UsageError("dtw-cohort takes its cohort from the train classes of --splits FILE.")
+        cohort = baselines.cohort_clips(read, parts)
+    return baselines.Dtw(recognizer.weights.config.preparation, cohort), checksum
+
+
+@contextmanager
+def _steps(settings: Settings) -> Iterator[Callable[[str, int, int], None] | None]:
+    """A progress bar on standard error, if someone is there to see it."""
+    if settings.quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda what, done, total: bar.update(
+            task, description=printable(what), completed=done, total=total
+        )
+
+
+def _print(found: Evaluation) -> None:
+    say(
+        f"{found.scorer}: {found.protocol}, shots {found.shots}, episodes {found.episodes}, "
+        f"tau {found.tau:g}, seed {found.seed}; mean ± standard deviation over episodes"
+    )
+    say()
+    metrics = {
+        "fsos_accuracy": "FSOS-ACC",
+        "closed_set_accuracy": "closed set",
+        "auroc": "AUROC",
+        "oscr": "OSCR",
+        "fpr_at_95_tpr": "FPR95",
+    }
+    rows = [
+        (
+            _name(result),
+            _ways(result),
+            f"{result['always_reject_fsos_accuracy'].mean:.3f}",
+            *(f"{result[m].mean:.3f} ± {result[m].std:.3f}" for m in metrics),
+        )
+        for result in (*found.results, *found.means)
+    ]
+    say(table(("collection", "ways", "reject", *metrics.values()), rows))
+    say()
+    say(f"Where confidence above {found.tau:g} accepts:")
+    rows_at_tau = [
+        (
+            _name(result),
+            _ways(result),
+            f"{result['false_accept_rate'].mean:.3f}",
+            f"{result['false_reject_rate'].mean:.3f}",
+            f"{result.reliability.ece:.3f}",
+        )
+        for result in found.means or found.results
+    ]
+    headings = ("collection", "ways", "false accepts", "false rejects", "calibration error")
+    say(table(headings, rows_at_tau))
+
+
+def _name(result: Result) -> str:
+    if not result.collections:
+        return result.collection
+    return f"mean of {len(result.collections)}"
+
+
+def _ways(result: Result) -> str:
+    """`5`, or `5 (4)` where only 4 could be drawn."""
+    if result.ways_used in (0, result.ways):
+        return str(result.ways)
+    return f"{result.ways} ({result.ways_used})"
+
+
+def _print_acceptance(found: Acceptance, tau: float) -> None:
+    say()
+    say(
+        f"{printable(found.collection)}: share of queries (columns, same order) that each action "
+        f"enrolled alone accepts at tau {tau:g}"
+    )
+    say()
+    header = ["enrolled", *(str(column + 1) for column in range(len(found.classes)))]
+    rows = [
+        [f"{row + 1} {label}", *("" if cell != cell else f"{cell:.2f}" for cell in rates)]
+        for row, (label, rates) in enumerate(zip(found.classes, found.rate, strict=True))
+    ]
+    say(table(header, rows))
+
+
+def _finite(value: Any) -> Any:
+    """A document with its numbers as JSON takes them; see `number`."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return number(value) if isinstance(value, float) else value

@@ -1,0 +1,143 @@
+"""The `evaluate` command on small made-up collections."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.model.config import ModelConfig
+from actioncli.model.trx_os import parameter_shapes
+from actioncli.model.weights import write_weights
+
+from .conftest import Invoke
+
+
+@pytest.fixture(scope="module")
+def toys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two collections, splits for them, and weights that were never trained."""
+    folder = tmp_path_factory.mktemp("toys")
+    rng = np.random.default_rng(0)
+    for name, classes in (("one", 6), ("two", 5)):
+        rows = [(c, p) for c in range(classes) for p in range(4) for _ in range(2)]
+        standing = rng.normal(0, 400, (1, len(DEFAULT_JOINTS), 3))
+        swings = rng.normal(0, 200, (classes, len(DEFAULT_JOINTS), 3))
+        wave = np.sin(np.linspace(0, 6, 20))[:, None, None]
+        clips = [standing + swings[c] * wave + rng.normal(0, 20, standing.shape) for c, _ in rows]
+        np.savez(
+            folder / f"{name}.npz",
+            joints_mm=np.concatenate(clips).astype(np.int16),
+            lengths=np.full(len(rows), 20, np.int32),
+            labels=np.array([f"action {c}" for c, _ in rows]),
+            subjects=np.array([f"p{p}" for _, p in rows]),
+            joint_names=np.array(DEFAULT_JOINTS),
+            fps=np.float32(20),
+        )
+    four = [f"action {c}" for c in range(4)]
+    parts = {name: {"benchmark": four, "train": ["action 4"]} for name in ("one", "two")}
+    (folder / "splits.json").write_text(json.dumps(parts))
+    config = ModelConfig()
+    tensors = {
+        name: rng.normal(0, 0.05, shape).astype(np.float32)
+        for name, shape in parameter_shapes(config).items()
+    }
+    write_weights(folder / "w.safetensors", config, tensors, {})
+    return folder
+
+
+def test_table_has_a_row_for_each_collection_and_their_mean(invoke: Invoke, toys: Path) -> None:
+    result = invoke(
+        "evaluate", toys / "one.npz", toys / "two.npz", "--baseline", "random", "--episodes", 3,
+        "--ways", "2,5",
+    )  # fmt: skip
+    assert result.exit_code == 0
+    lines = [line.split("  ")[0] for line in result.stdout.splitlines()]
+    assert lines.count("one") == lines.count("two") == 2
+    assert lines.count("mean of 2") == 2 + 2
+    assert "5 (4)" in result.stdout
+    assert "FSOS-ACC" in result.stdout
+    assert "calibration error" in result.stdout
+
+
+@pytest.mark.parametrize("baseline", [None, "exp", "dtw", "dtw-cohort", "always-reject", "random"])
+def test_json_goes_to_a_file_beside_the_table(
+    invoke: Invoke, toys: Path, tmp_path: Path, baseline: str | None
+) -> None:
+    file = tmp_path / "figures.json"
+    chosen = ["--baseline", baseline] if baseline else []
+    result = invoke(
+        "evaluate", toys / "one.npz", "--splits", toys / "splits.json", "--episodes", 2,
+        "--weights", toys / "w.safetensors", "--json", file, "--acceptance", *chosen,
+    )  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    assert "enrolled alone accepts" in result.stdout
+    document = json.loads(file.read_text())
+    assert set(document) == {
+        "scorer",
+        "weights",
+        "protocol",
+        "shots",
+        "episodes",
+        "tau",
+        "seed",
+        "results",
+        "means",
+        "skipped",
+        "acceptance",
+    }
+    assert document["scorer"] == (baseline or "trx-os")
+    assert (document["weights"] is None) == (baseline in ("always-reject", "random"))
+    assert [row["ways_used"] for row in document["results"]] == [2, 2, 2]
+    assert len(document["acceptance"][0]["classes"]) == 4
+
+
+def test_json_alone_is_printed_on_request(invoke: Invoke, toys: Path) -> None:
+    arguments = ["evaluate", toys / "one.npz", "--baseline", "always-reject", "--episodes", 2]
+    dash = json.loads(invoke(*arguments, "--json", "-").stdout)
+    assert dash == json.loads(invoke("--json", *arguments).stdout)
+    assert dash["results"][0]["metrics"]["fsos_accuracy"] == {"mean": 0.5, "std": 0.0}
+
+
+def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path: Path) -> None:
+    (tmp_path / "s.json").write_text('{"one": {}, "two": {"benchmark": ["action 1"]}}')
+    splits = ["--splits", tmp_path / "s.json", "--baseline", "random"]
+    result = invoke("evaluate", toys / "one.npz", toys / "two.npz", *splits)
+    assert result.exit_code == 3
+    assert "one: the splits keep none of its classes" in result.stderr
+    assert "two: 1 classes leave none to enrol" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give collections to measure on, or --ntu FOLDER"),
+        (["one.npz", "--ntu", "."], "give collections to measure on, or --ntu FOLDER"),
+        (["--ntu", ".", "--shots", "3"], "a protocol of its own"),
+        (["one.npz", "--ways", "5,x"], "--ways must be numbers"),
+        (["one.npz", "--ways", "0"], "--ways must be numbers"),
+        (["one.npz", "--protocol", "open"], "unknown protocol 'open'"),
+        (["one.npz", "--baseline", "knn"], "unknown baseline 'knn'"),
+        (["one.npz", "--tau", "2"], "tau must lie between 0 and 1"),
+        (["one.npz", "--json", "none/x.json"], "folder for the JSON document does not exist"),
+        (["one.npz", "--json", "--ways"], "--json needs a file"),
+        (["one.npz", "--baseline", "dtw-cohort", "--weights", "w.safetensors"], "of --splits"),
+    ],
+)
+def test_senseless_arguments_are_usage_errors(
+    invoke: Invoke,
+    toys: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(toys)
+    result = invoke("evaluate", *arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+def test_ntu_protocol_names_what_is_missing(invoke: Invoke, tmp_path: Path) -> None:
+    result = invoke("evaluate", "--ntu", tmp_path, "--baseline", "always-reject")
+    assert result.exit_code == 3
+    assert "S001C003P008R001A001.skeleton" in result.stderr
