@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from actioncli.clips.clip import FloatArray
-from actioncli.clips.layouts import LAYOUTS
 from actioncli.pose.detector import Detection, PersonDetector
 from actioncli.pose.landmarks import CENTRE_POINT, SCALE_POINT, Body, LandmarkEstimator
 from actioncli.pose.one_euro import OneEuro
 from actioncli.pose.region import Image, Region
+from actioncli.pose.sides import LIMBS
 
-JOINT_NAMES = LAYOUTS["blazepose_33"]
 LEAST_PRESENCE = 0.5
 MOST_PEOPLE = 4
 # While someone is followed, seconds between looks for people who come in or come back.
@@ -24,36 +22,6 @@ SAME_PERSON = 0.3
 # A person found again farther away than this has jumped, or is another one.
 SAME_PLACE = 0.6
 
-# Column of each landmark's twin on the other side; the nose is its own.
-TWINS = np.array(
-    [
-        JOINT_NAMES.index({"l": "r", "r": "l"}[name[0]] + name[1:]) if name != "nose" else 0
-        for name in JOINT_NAMES
-    ]
-)
-# The joints that tell left from right (a face seen from behind does not).
-_LIMBS = [
-    JOINT_NAMES.index(s + j) for j in ("sho", "elb", "wri", "hip", "kne", "ank") for s in "lr"
-]
-# Sides count as swapped if that explains the frame this much better, and the step without it is
-# longer than a body can go from frame to frame (metres, mean of the limbs).
-_SWAP_RATIO = 0.5
-_SWAP_STEP = 0.08
-
-
-def swapped(body: Body) -> Body:
-    """The same body with left and right exchanged."""
-    points = body.points.copy()
-    points[: len(TWINS)] = points[TWINS]
-    return replace(body, points=points, visibility=body.visibility[TWINS], world=body.world[TWINS])
-
-
-def sides_are_swapped(world: FloatArray, before: FloatArray) -> bool:
-    """Whether a frame (33, 3) continues the one before better with left and right exchanged."""
-    straight = np.linalg.norm(world - before, axis=1)[_LIMBS].mean()
-    crossed = np.linalg.norm(world[TWINS] - before, axis=1)[_LIMBS].mean()
-    return bool(straight > _SWAP_STEP and crossed < _SWAP_RATIO * straight)
-
 
 @dataclass
 class Track:
@@ -61,32 +29,27 @@ class Track:
 
     Attributes:
         times: (T) seconds at which the person was seen.
-        bodies: (T) what was seen, world landmarks smoothed.
-        flipped: (T) whether left and right were exchanged to agree with the frame before.
+        bodies: (T) what was seen.
         jumps: times at which the person was found again in quite another place.
         region: where to look next; None while the person is lost.
     """
 
     times: list[float] = field(default_factory=list)
     bodies: list[Body] = field(default_factory=list)
-    flipped: list[bool] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
     region: Region | None = None
     _last_region: Region | None = None
-    _raw: FloatArray | None = None
 
     def resume(self, region: Region, time: float) -> None:
         """Start, or go on after a loss, from where the detector found the person."""
         if self._last_region is not None and region.distance(self._last_region) > SAME_PLACE:
             self.jumps.append(time)
         self.region = region
-        # Settings of the reference for the next region (in pixels) and world landmarks.
         self._steady = OneEuro(min_cutoff=0.01, beta=10.0)
-        self._smooth = OneEuro(min_cutoff=0.1, beta=40.0)
 
     def lose(self) -> None:
         """Stop following until `resume`."""
-        self._last_region, self.region, self._raw = self.region, None, None
+        self._last_region, self.region = self.region, None
 
     def step(self, estimate: LandmarkEstimator, image: Image, time: float) -> Body | None:
         """Take in a frame; None (and `region` None) if the person is lost."""
@@ -99,23 +62,9 @@ class Track:
         reach = float(np.linalg.norm(ends[1] - ends[0]))
         centre, scale = self._steady(ends, time, scale=1 / max(2 * reach, 1e-6))
         self.region = Region.around(centre, scale)
-        flip = self._raw is not None and sides_are_swapped(body.world, self._raw)
-        body = swapped(body) if flip else body
-        self._raw = body.world
-        body = replace(body, world=self._smooth(body.world, time))
         self.times.append(time)
         self.bodies.append(body)
-        self.flipped.append(flip)
         return body
-
-    def settle_sides(self) -> int:
-        """Go with the side that most frames show; returns how many frames were exchanged."""
-        count = sum(self.flipped)
-        if 2 * count > len(self.flipped):
-            self.bodies = [swapped(body) for body in self.bodies]
-            self.flipped = [not flip for flip in self.flipped]
-            count = len(self.flipped) - count
-        return count
 
     def away(self, region: Region) -> float:
         """How far a region is from where the person was last, in sides."""
@@ -132,7 +81,7 @@ class Track:
             if self.times[i] - self.times[last] >= 0.2:
                 seen = np.minimum(self.bodies[i].visibility, self.bodies[last].visibility)
                 steps = np.linalg.norm(self.bodies[i].world - self.bodies[last].world, axis=1)
-                total += float((seen * steps)[_LIMBS].mean())
+                total += float((seen * steps)[LIMBS].mean())
                 last = i
         return total
 

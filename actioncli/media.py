@@ -1,0 +1,47 @@
+"""Read a clip from whatever shows a person: a file of joints or a video."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from actioncli.errors import UsageError
+from actioncli.pose import VIDEO_SUFFIXES
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
+
+# Options that only one of the two kinds of file understands.
+SKELETON_OPTIONS = frozenset({"layout", "fps", "unit", "up"})
+VIDEO_OPTIONS = frozenset({"start", "end", "quality", "cache", "progress"})
+
+
+def is_video(path: str | Path) -> bool:
+    """Whether the file's name says that it is a video."""
+    return Path(path).suffix.lower() in VIDEO_SUFFIXES
+
+
+def read_any(path: str | Path, **options: Any) -> Clip:
+    """Read a clip with `read_video_clip` or `read_clip`, whichever fits the file's name.
+
+    Args:
+        options: of either function; those that are None count as not given, and those that only
+            concern a video's reading (`cache`, `progress`, `quality`) are left out for skeletons.
+
+    Raises:
+        UsageError: an option that would change nothing, such as `fps` for a video.
+        ClipError: see the two functions.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    video = is_video(path)
+    for name in sorted(given.keys() & (SKELETON_OPTIONS if video else {"start", "end"})):
+        kind = "a video" if video else "a file of joints"
+        raise UsageError(f"{path}: --{name} means nothing for {kind}.")
+    if video:
+        from actioncli.pose.video import read_video_clip
+
+        return read_video_clip(path, **given)
+    from actioncli.clips.read import read_clip
+
+    wanted = {name: value for name, value in given.items() if name not in VIDEO_OPTIONS}
+    return read_clip(Path(path), **wanted)

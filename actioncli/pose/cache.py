@@ -1,0 +1,97 @@
+"""Poses that were estimated before, so that the same video is not looked at twice."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+
+from actioncli.pose.poses import Poses
+
+# Changes when what is stored changes its meaning.
+FORMAT = 1
+LARGEST = 256 * 2**20  # bytes; the poses of about 20 hours
+SUFFIX = ".npz"
+
+
+def cache_folder() -> Path:
+    """Where poses are kept: below `$ACTIONCLI_HOME` if that is set, else where caches belong."""
+    home = os.environ.get("ACTIONCLI_HOME")
+    base = Path(home) if home else Path(platformdirs.user_cache_dir("actioncli"))
+    return base / "poses"
+
+
+def cache_key(video: Path, settings: dict[str, object]) -> str:
+    """Name for the poses of a file's content under these settings (JSON values)."""
+    with video.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    text = json.dumps({"format": FORMAT, "video": digest, **settings}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def load(key: str) -> Poses | None:
+    """The poses kept under a key; None if there are none, or the file is damaged."""
+    path = cache_folder() / (key + SUFFIX)
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            poses = Poses(
+                times=stored["times"],
+                world=stored["world"],
+                visibility=stored["visibility"],
+                points=stored["points"],
+                frames=stored["frames"],
+                size=(int(stored["size"][0]), int(stored["size"][1])),
+                notes=tuple(str(note) for note in stored["notes"]),
+            )
+        os.utime(path)  # what is used stays longest
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
+        return None
+    return poses
+
+
+def keep(key: str, poses: Poses) -> None:
+    """Store poses and drop the least recently used beyond the size limit.
+
+    A cache that cannot be written is no error: the poses are there.
+    """
+    folder = cache_folder()
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        folder.chmod(0o700)  # skeletons and habits are nobody else's business
+        # mkstemp gives mode 0600, which the file keeps.
+        handle, part = tempfile.mkstemp(dir=folder, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez_compressed(
+                    file,
+                    times=poses.times,
+                    world=poses.world,
+                    visibility=poses.visibility,
+                    points=poses.points,
+                    frames=poses.frames,
+                    size=np.array(poses.size),
+                    notes=np.array(poses.notes, dtype=np.str_),
+                )
+            Path(part).replace(folder / (key + SUFFIX))
+        except OSError:
+            Path(part).unlink(missing_ok=True)
+            raise
+        _shrink(folder)
+
+
+def _shrink(folder: Path) -> None:
+    files = [(path.stat(), path) for path in folder.glob("*" + SUFFIX)]
+    files.sort(key=lambda entry: entry[0].st_mtime_ns)
+    total = sum(status.st_size for status, _ in files)
+    for status, path in files:
+        if total <= LARGEST:
+            break
+        path.unlink(missing_ok=True)
+        total -= status.st_size

@@ -1,0 +1,109 @@
+"""What was seen of one person in a video, and how it becomes a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.errors import ClipError
+from actioncli.pose.one_euro import OneEuro
+from actioncli.pose.sides import JOINT_NAMES, settle_sides
+
+# A longer time without the person is told, and never lies inside an active part.
+LONGEST_GAP = 0.5
+# From the camera's axes (x right, y down) to those of clips: half a turn about z.
+_TO_CLIP = np.array([-1, -1, 1], np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """One person in a video.
+
+    Attributes:
+        times: (T,) seconds from the beginning of the video, increasing.
+        world: (T, 33, 3) metres from the midpoint of the hips; x right in the image, y down,
+            z away from the camera. As the network gives them: neither smoothed nor sides settled.
+        visibility: (T, 33) probabilities.
+        points: (T, 33, 2) pixels in the image.
+        frames: (N,) times of all frames that were looked at.
+        size: width and height of the image.
+        notes: what happened on the way, for people.
+    """
+
+    times: NDArray[np.float64]
+    world: FloatArray
+    visibility: FloatArray
+    points: FloatArray
+    frames: NDArray[np.float64]
+    size: tuple[int, int]
+    notes: tuple[str, ...] = ()
+
+    def between(self, start: float, end: float) -> Poses:
+        """The part from `start` to `end`, seconds."""
+        kept = (self.times >= start) & (self.times <= end)
+        looked = self.frames[(self.frames >= start) & (self.frames <= end)]
+        return Poses(
+            self.times[kept],
+            self.world[kept],
+            self.visibility[kept],
+            self.points[kept],
+            looked,
+            self.size,
+            self.notes,
+        )
+
+    def gaps(self) -> list[tuple[float, float]]:
+        """Times from when to when the person was lost for longer than `LONGEST_GAP`."""
+        steps = np.flatnonzero(np.diff(self.times) > LONGEST_GAP)
+        return [(float(self.times[i]), float(self.times[i + 1])) for i in steps]
+
+    def to_clip(self, source: str, notes: Sequence[str] = ()) -> Clip:
+        """The skeleton as a clip in layout `blazepose_33`, at a constant frame rate.
+
+        Sides are settled, positions smoothed as the reference does, and brought from the frames'
+        own times to even ones; in between frames that lack the person, confidence is 0.
+
+        Raises:
+            ClipError: fewer than two frames with the person.
+        """
+        if len(self.times) < 2:
+            raise ClipError(
+                f"{source}: a person is in {len(self.times)} of {len(self.frames)} frames; "
+                "an action needs a sequence of them."
+            )
+        world, visibility, changed = settle_sides(self.world, self.visibility)
+        notes = [*self.notes, *notes]
+        if changed.any():
+            notes.append(f"left and right were mixed up in {changed.sum()} frames, and put right")
+        smooth = OneEuro(min_cutoff=0.1, beta=40.0)
+        world = np.stack([smooth(w, t) for w, t in zip(world, self.times, strict=True)])
+        step = float(self.frames[-1] - self.frames[0]) / (len(self.frames) - 1)
+        # Half a step of tolerance: the last frame counts even if its time is rounded.
+        even = np.arange(self.times[0], self.times[-1] + step / 2, step)
+        even = even.clip(max=self.times[-1])
+        confidence = resample(visibility, self.times, even)
+        for lost, found in self.gaps():
+            confidence[(even > lost) & (even < found)] = 0
+            notes.append(f"nobody was seen from {lost:.1f} s to {found:.1f} s")
+        return Clip(
+            resample(world * _TO_CLIP, self.times, even),
+            JOINT_NAMES,
+            fps=1 / step,
+            confidence=confidence.clip(0, 1),
+            source=source,
+            notes=notes,
+        )
+
+
+def resample(
+    values: FloatArray, times: NDArray[np.float64], wanted: NDArray[np.float64]
+) -> FloatArray:
+    """Values (T, ...) at other times, linear in between."""
+    right = np.searchsorted(times, wanted).clip(1, len(times) - 1)
+    share = (wanted - times[right - 1]) / (times[right] - times[right - 1])
+    share = share.clip(0, 1).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray(values[right - 1] * (1 - share) + values[right] * share, np.float32)

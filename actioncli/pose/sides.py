@@ -1,0 +1,83 @@
+"""Undo frames in which the network took left for right.
+
+Seen from behind or from far away, BlazePose now and then exchanges left and right for a few
+frames, the arms, the legs or both. A limb cannot jump to the other side and back, so the
+exchange that makes the body's path shortest is taken.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import FloatArray
+from actioncli.clips.layouts import LAYOUTS
+
+JOINT_NAMES = LAYOUTS["blazepose_33"]
+
+# Column of each landmark's twin on the other side; the nose is its own.
+TWINS = np.array(
+    [
+        JOINT_NAMES.index({"l": "r", "r": "l"}[name[0]] + name[1:]) if name != "nose" else 0
+        for name in JOINT_NAMES
+    ]
+)
+
+
+def _columns(*joints: str) -> list[int]:
+    return [JOINT_NAMES.index(side + joint) for joint in joints for side in "lr"]
+
+
+_ARMS = _columns("sho", "elb", "wri")
+_LEGS = _columns("hip", "kne", "ank")
+LIMBS = _ARMS + _LEGS
+_FIRST_OF_LEGS = JOINT_NAMES.index("lhip")
+# (joints that go together, joints whose path is measured)
+_HALVES = (
+    (np.arange(_FIRST_OF_LEGS), _ARMS),
+    (np.arange(_FIRST_OF_LEGS, len(JOINT_NAMES)), _LEGS),
+)
+# Metres of path that an exchanged frame must save: what the network says holds unless it leaps.
+_COST_OF_EXCHANGE = 0.01
+
+
+def settle_sides(
+    world: FloatArray, visibility: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Exchange left and right where the network mixed them up.
+
+    Args:
+        world: (T, 33, 3) metres, consecutive frames.
+        visibility: (T, 33).
+
+    Returns:
+        Both of them in order, and (T,) which frames were changed.
+    """
+    world, visibility = world.copy(), visibility.copy()
+    changed = np.zeros(len(world), np.bool_)
+    for joints, limbs in _HALVES:
+        exchange = _shortest_path(world[:, limbs], world[:, TWINS[limbs]])
+        frames = np.flatnonzero(exchange)
+        twins = TWINS[joints]
+        world[np.ix_(frames, joints)] = world[np.ix_(frames, twins)]
+        visibility[np.ix_(frames, joints)] = visibility[np.ix_(frames, twins)]
+        changed |= exchange
+    return world, visibility, changed
+
+
+def _shortest_path(straight: FloatArray, crossed: FloatArray) -> NDArray[np.bool_]:
+    """(T,) which frames to exchange, by dynamic programming over both choices of each frame."""
+    choices = np.stack([straight, crossed], axis=1)  # (T, 2, joints, 3)
+    price = np.array([0.0, _COST_OF_EXCHANGE])
+    cost, came_from = price, []
+    for before, now in pairwise(choices):
+        steps = np.linalg.norm(before[:, np.newaxis] - now, axis=-1).mean(axis=-1)  # (from, to)
+        total = cost[:, np.newaxis] + steps
+        came_from.append(total.argmin(axis=0))
+        cost = total.min(axis=0) + price
+    path = [int(cost.argmin())]
+    for origin in reversed(came_from):
+        path.append(int(origin[path[-1]]))
+    return np.array(path[::-1], np.bool_)
