@@ -21,7 +21,7 @@ from typer.exceptions import TyperException
 
 from actioncli._version import __version__
 from actioncli.cli.common import DebugOption, JsonOption, QuietOption, Settings, StoreOption
-from actioncli.cli.output import error_entry, note, printable, say, write_json
+from actioncli.cli.output import OutputError, error_entry, note, printable, say, write_json
 from actioncli.errors import ActionCliError, UsageError
 
 # Name to module and function, in the order of the help.
@@ -46,7 +46,6 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
 EXIT_REJECTED = 1
 EXIT_USAGE = 2
 EXIT_UNEXPECTED = 70
-EXIT_OUTPUT = 74
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 
@@ -103,10 +102,10 @@ class Application(TyperGroup):
             typer.Exit: whatever went wrong, with its exit code, after it has been told.
         """
         try:
-            try:
-                super().invoke(ctx)
-            finally:
-                sys.stdout.flush()
+            super().invoke(ctx)
+        except OutputError as error:
+            _drop_output()
+            code = _report(error, error.exit_code, Settings())
         except ActionCliError as error:
             code = _report(error, error.exit_code, ctx.obj)
         except KeyboardInterrupt as error:
@@ -115,10 +114,6 @@ class Application(TyperGroup):
             # Whoever read the output has seen enough, as in `actioncli list-support | head`.
             _drop_output()
             code = EXIT_BROKEN_PIPE
-        except OSError as error:
-            # The library turns its own into ActionCliError; what is left is the output.
-            _drop_output()
-            code = _report(error, EXIT_OUTPUT, ctx.obj)
         except (TyperException, typer.Exit, typer.Abort):
             raise
         except Exception as error:  # noqa: BLE001 - a traceback is shown to those who ask for it
@@ -142,7 +137,7 @@ def _report(
         note("".join(traceback.format_exception(error)).rstrip())
     text = " ".join((str(error) if message is None else message).splitlines())
     note(f"error: {printable(text)}")
-    if settings.json and code != EXIT_OUTPUT:
+    if settings.json:
         write_json({"error": {**error_entry(error, code), "message": text}})
     return code
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +24,9 @@ from actioncli.cli.common import (
 )
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
 from actioncli.errors import ClipError
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
 
 
 @command
@@ -63,55 +67,61 @@ def enroll(
     label = check_label(label)
     reading = Reading(layout, unit, up, fps)
     recognizer = Recognizer(weights)
+    outcomes: list[tuple[Path, Clip | ClipError]] = []
+    for path in each_clip(settings, clips, "Reading"):
+        try:
+            clip = reading.read(path)
+            # A clip that the model cannot use would fail every later classification.
+            recognizer.embed([clip])
+        except ClipError as error:
+            report_bad_clip(error)
+            outcomes.append((path, error))
+        else:
+            outcomes.append((path, clip))
+    usable = [clip for _, clip in outcomes if not isinstance(clip, ClipError)]
     with settings.open_store() as store:
-        usable = []
-        failures: list[tuple[str, ClipError]] = []
-        for path in each_clip(settings, clips, "Reading"):
-            try:
-                clip = reading.read(path)
-                # A clip that the model cannot use would fail every later classification.
-                recognizer.embed([clip])
-            except ClipError as unusable:
-                report_bad_clip(unusable)
-                failures.append((str(path), unusable))
-            else:
-                usable.append((path, clip))
-        enrolled = store.enroll_all([(label, clip) for _, clip in usable], note=note)
+        enrolled = store.enroll_all([(label, clip) for clip in usable], note=note)
 
-    added = sum(one.added for one in enrolled)
+    entries: list[dict[str, object]] = []
+    remaining = iter(enrolled)
+    for path, clip_or_error in outcomes:
+        if isinstance(clip_or_error, ClipError):
+            entries.append(
+                {
+                    "source": str(path),
+                    "error": error_entry(clip_or_error, clip_or_error.exit_code),
+                }
+            )
+            continue
+        one = next(remaining)
+        entries.append(
+            {
+                "source": str(path),
+                "example": one.example,
+                "added": one.added,
+                "frames": len(clip_or_error),
+                "seconds": number(clip_or_error.duration),
+                "notes": list(clip_or_error.notes),
+            }
+        )
+        if not (settings.json or settings.quiet):
+            tell_notes(settings, path, clip_or_error.notes)
+            say(
+                f"{printable(label)}: {printable(path)} "
+                f"{'added' if one.added else 'already there'} as example {one.example} "
+                f"({plural(len(clip_or_error), 'frame')}, {clip_or_error.duration:.1f} s)"
+            )
+    failed = len(outcomes) - len(usable)
     if settings.json:
+        added = sum(one.added for one in enrolled)
         write_json(
             {
                 "label": label,
-                "clips": [
-                    *(
-                        {
-                            "source": str(path),
-                            "example": one.example,
-                            "added": one.added,
-                            "frames": len(clip),
-                            "seconds": number(clip.duration),
-                            "notes": list(clip.notes),
-                        }
-                        for (path, clip), one in zip(usable, enrolled, strict=True)
-                    ),
-                    *(
-                        {"source": source, "error": error_entry(error, error.exit_code)}
-                        for source, error in failures
-                    ),
-                ],
+                "clips": entries,
                 "added": added,
                 "known": len(enrolled) - added,
-                "failed": len(failures),
+                "failed": failed,
             }
         )
-    elif not settings.quiet:
-        for (path, clip), one in zip(usable, enrolled, strict=True):
-            tell_notes(settings, path, clip.notes)
-            state = "added" if one.added else "already there"
-            say(
-                f"{printable(label)}: {printable(path)} {state} as example {one.example} "
-                f"({plural(len(clip), 'frame')}, {clip.duration:.1f} s)"
-            )
-    if failures:
+    if failed:
         raise typer.Exit(ClipError.exit_code)

@@ -107,7 +107,7 @@ def evaluate(
         ),
     ] = None,
 ) -> None:
-    """Measure how well actions are recognised, and everything else rejected.
+    """Measure recognition of actions, and rejection of the rest.
 
     An episode enrols some actions of a collection and asks as many queries of these actions as
     of others. Figures are mean and standard deviation over episodes; the mean over collections
@@ -303,11 +303,11 @@ def _print(found: Evaluation) -> None:
     rows = [
         (
             _name(result),
-            _ways(result),
+            ways,
             f"{result['always_reject_fsos_accuracy'].mean:.3f}",
             *(f"{result[m].mean:.3f} ± {result[m].std:.3f}" for m in metrics),
         )
-        for result in (*found.results, *found.means)
+        for result, ways in _merged((*found.results, *found.means))
     ]
     say(table(("collection", "ways", "reject", *metrics.values()), rows))
     say()
@@ -315,12 +315,12 @@ def _print(found: Evaluation) -> None:
     rows_at_tau = [
         (
             _name(result),
-            _ways(result),
+            ways,
             f"{result['false_accept_rate'].mean:.3f}",
             f"{result['false_reject_rate'].mean:.3f}",
             f"{result.reliability.ece:.3f}",
         )
-        for result in found.means or found.results
+        for result, ways in _merged(found.means or found.results)
     ]
     headings = ("collection", "ways", "false accepts", "false rejects", "calibration error")
     say(table(headings, rows_at_tau))
@@ -332,11 +332,21 @@ def _name(result: Result) -> str:
     return f"mean of {len(result.collections)}"
 
 
-def _ways(result: Result) -> str:
-    """`5`, or `5 (4)` where only 4 could be drawn."""
-    if result.ways_used in (0, result.ways):
-        return str(result.ways)
-    return f"{result.ways} ({result.ways_used})"
+def _merged(results: Sequence[Result]) -> list[tuple[Result, str]]:
+    """Each different result once, with its ways: `5`, or `5,10 (4)` where only 4 could be drawn.
+
+    Numbers of ways that come down to the same one for lack of classes have the same figures.
+    """
+    same: dict[tuple[str, int], list[Result]] = {}
+    for result in results:
+        # 0 stands for several numbers: such means differ from one another
+        same.setdefault((result.collection, result.ways_used or -result.ways), []).append(result)
+    merged = []
+    for group in same.values():
+        asked = ",".join(str(result.ways) for result in group)
+        fewer = any(result.ways_used not in (0, result.ways) for result in group)
+        merged.append((group[0], f"{asked} ({group[0].ways_used})" if fewer else asked))
+    return merged
 
 
 def _print_acceptance(found: Acceptance, tau: float) -> None:

@@ -15,6 +15,8 @@ from typing import TypeVar
 
 import typer
 
+from actioncli.errors import ActionCliError
+
 T = TypeVar("T")
 
 # Work that ends sooner needs no progress bar.
@@ -30,14 +32,38 @@ def printable(text: object) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
 
 
+class OutputError(ActionCliError):
+    """What should be told cannot be written, because a disk is full for example."""
+
+    exit_code = 74
+
+
 def say(line: str = "") -> None:
-    """Write a line of the result to standard output."""
-    typer.echo(line)
+    """Write a line of the result to standard output.
+
+    Raises:
+        BrokenPipeError: nobody reads it any more.
+        OutputError: it cannot be written.
+    """
+    _write(line, err=False)
 
 
 def note(line: str) -> None:
-    """Write a line that is not the result (a note, a hint, an error) to standard error."""
-    typer.echo(line, err=True)
+    """Write a line that is not the result (a note, a hint, an error) to standard error.
+
+    Raises:
+        BrokenPipeError, OutputError: as `say`.
+    """
+    _write(line, err=True)
+
+
+def _write(line: str, err: bool) -> None:
+    try:
+        typer.echo(line, err=err)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputError(f"the output cannot be written: {error.strerror}.") from error
 
 
 def write_json(document: object) -> None:
@@ -46,7 +72,7 @@ def write_json(document: object) -> None:
     Only ASCII is written, so that nothing in a label reaches the terminal raw. Numbers must be
     finite Python numbers: see `number`.
     """
-    typer.echo(json.dumps(document, indent=2, allow_nan=False))
+    say(json.dumps(document, indent=2, allow_nan=False))
 
 
 def number(value: float) -> float | None:

@@ -48,7 +48,7 @@ def train(
         typer.Option(metavar="N", min=1, help="Processor threads.  [default: all cores]"),
     ] = None,
 ) -> None:
-    """Train a model on recordings of many actions by several people.
+    """Train a model on recordings of actions by several people.
 
     Needs the extra: pip install 'actioncli[train]'. Some classes are held out to tell how well
     the model does on actions that it has never seen, and the best weights on those are kept.

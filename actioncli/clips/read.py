@@ -90,9 +90,13 @@ def find_clips(
     found: dict[Path, None] = {}
     for path in paths:
         here = Path(path)
-        if here.is_dir():
+        try:
+            is_folder, exists = here.is_dir(), here.exists()
+        except OSError:  # too long for a file's name: reading it tells that
+            is_folder, exists = False, True
+        if is_folder:
             clips = sorted(_clips_below(here, suffixes))
-        elif not here.exists() and any(mark in str(here) for mark in "*?["):
+        elif not exists and any(mark in str(here) for mark in "*?["):
             clips = sorted(_matching(here, suffixes))
         else:
             clips = [here]

@@ -49,13 +49,15 @@ def toys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_table_has_a_row_for_each_collection_and_their_mean(invoke: Invoke, toys: Path) -> None:
     result = invoke(
         "evaluate", toys / "one.npz", toys / "two.npz", "--baseline", "random", "--episodes", 3,
-        "--ways", "2,5",
+        "--ways", "2,5,8",
     )  # fmt: skip
     assert result.exit_code == 0
-    lines = [line.split("  ")[0] for line in result.stdout.splitlines()]
-    assert lines.count("one") == lines.count("two") == 2
-    assert lines.count("mean of 2") == 2 + 2
-    assert "5 (4)" in result.stdout
+    rows = [
+        [cell.strip() for cell in line.split("  ") if cell] for line in result.stdout.splitlines()
+    ]
+    ways = {name: [row[1] for row in rows if row[:1] == [name]] for name in ("one", "two")}
+    assert ways == {"one": ["2", "5,8 (4)"], "two": ["2", "5,8 (3)"]}
+    assert [row[1] for row in rows if row[:1] == ["mean of 2"]] == ["2", "5", "8"] * 2
     assert "FSOS-ACC" in result.stdout
     assert "calibration error" in result.stdout
 

@@ -1,0 +1,89 @@
+"""A support set of its own for each test, and two ways to run a command: in this process, or
+in one of its own."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from actioncli import Clip, SupportStore, read_clip
+from actioncli.cli.app import app
+from actioncli.clips.layouts import LAYOUTS
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ACTIONS = {
+    "wave": "wave_right/cleo",
+    "squat": "squat/ada",
+    "bow": "bow/ben",
+    "jumping jack": "jumping_jack/ada",
+    "kick": "kick_right/ada",
+}
+
+Invoke = Callable[..., Result]
+Run = Callable[..., subprocess.CompletedProcess[str]]
+MakeClip = Callable[[int], Clip]
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of its own for the support set."""
+    folder = tmp_path / "home"
+    monkeypatch.setenv("ACTIONCLI_HOME", str(folder))
+    return folder
+
+
+@pytest.fixture
+def invoke() -> Invoke:
+    """Run a command in this process."""
+
+    def call(*arguments: object, typed: str | None = None) -> Result:
+        result = CliRunner().invoke(app, [str(word) for word in arguments], input=typed)
+        assert result.exception is None or isinstance(result.exception, SystemExit)
+        return result
+
+    return call
+
+
+@pytest.fixture
+def run() -> Run:
+    """Run a command in a process of its own."""
+
+    def call(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
+        words = [sys.executable, "-m", "actioncli", *map(str, arguments)]
+        options: dict[str, Any] = {"stdin": subprocess.DEVNULL, "timeout": 120, **more}
+        if not options.keys() & {"stdout", "stderr"}:
+            options["capture_output"] = True
+        return subprocess.run(words, text=True, check=False, **options)
+
+    return call
+
+
+@pytest.fixture
+def store(home: Path) -> SupportStore:
+    """The support set that commands use."""
+    return SupportStore(home / "support.db")
+
+
+@pytest.fixture
+def filled(store: SupportStore) -> SupportStore:
+    """The same, with five actions of the examples."""
+    store.enroll_all(
+        [(label, read_clip(EXAMPLES / f"{name}.npz")) for label, name in ACTIONS.items()]
+    )
+    return store
+
+
+@pytest.fixture
+def clip() -> MakeClip:
+    """Clips that differ by their seed, for what needs no recognition."""
+
+    def make(seed: int) -> Clip:
+        joints = np.random.default_rng(seed).normal(size=(12, 15, 3))
+        return Clip(joints, LAYOUTS["default_15"], source=f"clip{seed}.npy")
+
+    return make

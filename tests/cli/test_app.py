@@ -1,0 +1,285 @@
+"""The application: options in any place, one style of errors, exit codes, startup."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import actioncli
+from actioncli import SupportStore
+from actioncli.cli import app as application
+from actioncli.cli.app import COMMANDS
+
+from .conftest import EXAMPLES, Invoke, MakeClip, Run
+
+
+def test_version(invoke: Invoke) -> None:
+    result = invoke("--version")
+    assert (result.exit_code, result.stdout) == (0, f"actioncli {actioncli.__version__}\n")
+
+
+def test_without_a_command_help_is_shown_and_usage_is_wrong(invoke: Invoke) -> None:
+    result = invoke()
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert all(name in result.stderr for name in COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_has_help_with_examples_and_its_json_keys(invoke: Invoke, name: str) -> None:
+    result = invoke(name, "--help")
+    assert result.exit_code == 0
+    assert f"Examples:\n    actioncli {name}" in result.stdout
+    assert "JSON keys:\n" in result.stdout
+    for option in ("--store", "--json", "--quiet", "--debug"):
+        assert option in result.stdout
+
+
+def test_short_help_fits_its_line(invoke: Invoke) -> None:
+    commands = invoke("--help").stdout.partition("Commands:\n")[2].splitlines()
+    assert len(commands) == len(COMMANDS)
+    assert not [line for line in commands if line.endswith("...")]
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["clasify", "x"], "Did you mean 'classify'?"),
+        (["classify"], "Missing argument"),
+        (["classify", "--bogus", "x"], "--bogus"),
+        (["classify", "--tau", "high", "x"], "--tau"),
+        (["classify", "--tau", "1.5", "x"], "between 0 and 1"),
+        (["classify", "--tau", "nan", "x"], "between 0 and 1"),
+        (["classify", "--top", "-1", "x"], "--top"),
+        (["enroll", " ", "x.npy"], "label"),
+        (["enroll", "a\x1b[31mb", "x.npy"], "U+001B"),
+        (["remove", "wave", "--example", "two"], "--example"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_code_2(invoke: Invoke, words: list[str], named: str) -> None:
+    for more in ([], ["--json"]):
+        result = invoke(*words, *more)
+        assert result.exit_code == 2
+        [line] = result.stderr.splitlines()
+        assert line.startswith("error: ")
+        assert named in line
+        assert "\x1b" not in result.output
+        if more:
+            assert json.loads(result.stdout) == {
+                "error": {"type": "UsageError", "message": line[7:], "exit_code": 2}
+            }
+        else:
+            assert result.stdout == ""
+
+
+def test_options_are_understood_before_and_after_the_command(
+    invoke: Invoke, tmp_path: Path, clip: MakeClip
+) -> None:
+    elsewhere = tmp_path / "elsewhere.db"
+    SupportStore(elsewhere).enroll("wave", clip(0))
+    before = invoke("--store", elsewhere, "--json", "list-support")
+    after = invoke("list-support", "--json", "--store", elsewhere)
+    assert before.stdout == after.stdout
+    assert json.loads(after.stdout)["store"] == str(elsewhere)
+    # The one beside the command wins.
+    both = invoke("--store", tmp_path / "other.db", "list-support", "--store", elsewhere, "--json")
+    assert both.stdout == after.stdout
+
+
+def test_options_of_one_call_do_not_reach_the_next(invoke: Invoke) -> None:
+    assert invoke("list-support", "--json").stdout.startswith("{")
+    assert invoke("list-support").stdout == ""
+
+
+@pytest.mark.parametrize("where", [["--debug", "show", "x"], ["show", "--debug", "x"]])
+def test_debug_shows_the_traceback(invoke: Invoke, where: list[str]) -> None:
+    result = invoke(*where)
+    assert result.exit_code == 4
+    assert "Traceback (most recent call last)" in result.stderr
+    assert result.stderr.splitlines()[-1].startswith("error: ")
+    assert "Traceback" not in invoke("show", "x").stderr
+
+
+def test_a_bug_is_told_in_one_line_with_the_way_to_its_place(
+    invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(self: SupportStore) -> None:
+        raise ZeroDivisionError("by\nzero")
+
+    monkeypatch.setattr(SupportStore, "actions", broken)
+    result = invoke("list-support")
+    assert result.exit_code == 70
+    assert result.stderr == (
+        "error: unexpected ZeroDivisionError: by zero (this is a bug; --debug shows where)\n"
+    )
+    assert "in broken" in invoke("list-support", "--debug").stderr
+
+
+def test_closed_output_is_no_error_to_talk_about(run: Run, filled: SupportStore) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as closed:
+        done = run("list-support", stdout=closed, stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (application.EXIT_BROKEN_PIPE, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_output_that_cannot_be_written_is_told(run: Run, filled: SupportStore) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = run("list-support", "--json", stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 74
+    assert done.stderr == "error: the output cannot be written: No space left on device.\n"
+
+
+def test_labels_that_the_terminal_cannot_show_are_escaped(
+    run: Run, store: SupportStore, clip: MakeClip
+) -> None:
+    store.enroll("手を振る", clip(0))
+    plain = {**os.environ, "PYTHONIOENCODING": "latin-1", "PYTHONUTF8": "0"}
+    done = run("list-support", env=plain)
+    assert done.returncode == 0
+    assert r"\u624b\u3092\u632f\u308b" in done.stdout
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+@pytest.mark.parametrize("command", ["classify", "enroll"])
+def test_ctrl_c_ends_with_130_and_leaves_nothing_half_done(
+    filled: SupportStore, tmp_path: Path, command: str
+) -> None:
+    clips = tmp_path / "many"
+    clips.mkdir()
+    for number in range(3000):
+        os.link(_copy(tmp_path), clips / f"{number:04}.npz")
+    label = ["new"] if command == "enroll" else []
+    words = [sys.executable, "-u", "-m", "actioncli", "-q", command, *label, str(clips)]
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdout is not None
+    if command == "classify":
+        assert process.stdout.readline()
+    else:
+        time.sleep(2)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "error: interrupted\n"
+    assert len(output.splitlines()) < 2999
+    assert "new" not in [action.label for action in filled.actions()]
+
+
+def _copy(folder: Path) -> Path:
+    """An example on the test's own disk, where hard links can be made to it."""
+    copy = folder / "clip.npz"
+    if not copy.exists():
+        copy.write_bytes((EXAMPLES / "squat/cleo.npz").read_bytes())
+    return copy
+
+
+# What must not be imported, because it alone takes longer than the whole command may.
+_HEAVY = "torch onnxruntime cv2 scipy pydantic rich"
+
+
+@pytest.mark.parametrize(
+    ("words", "heavy"),
+    [
+        (["--version"], f"numpy sqlite3 {_HEAVY}"),
+        (["--help"], f"numpy sqlite3 {_HEAVY}"),
+        (["list-support"], f"numpy {_HEAVY}"),
+        (["show", "wave"], f"numpy {_HEAVY}"),
+        (["classify", str(EXAMPLES / "squat/cleo.npz")], f"numpy.f2py numpy.testing {_HEAVY}"),
+    ],
+)
+def test_commands_import_nothing_heavy(filled: SupportStore, words: list[str], heavy: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "actioncli", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    imported = set(re.findall(r"^import time:.*\| +([\w.]+)$", done.stderr, re.MULTILINE))
+    assert "actioncli.cli.app" in imported
+    assert not imported & set(heavy.split())
+
+
+def test_import_of_the_package_imports_no_numpy() -> None:
+    script = "import sys, actioncli; print(sorted(m for m in sys.modules if not m.startswith('_')))"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    for module in f"numpy sqlite3 typer {_HEAVY}".split():
+        assert f"'{module}'" not in done.stdout
+
+
+def test_public_names_are_there_and_others_are_not() -> None:
+    for name in actioncli.__all__:
+        assert getattr(actioncli, name) is not None
+        assert name in dir(actioncli)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        actioncli.nothing  # noqa: B018
+    errors = [getattr(actioncli, name) for name in actioncli.__all__ if name.endswith("Error")]
+    assert len(errors) == 7
+    assert all(issubclass(error, actioncli.ActionCliError) for error in errors)
+
+
+def _complete(line: str, shell: str = "bash") -> list[str]:
+    words = line.split(" ")
+    done = subprocess.run(
+        [sys.executable, "-m", "actioncli"],
+        env={
+            **os.environ,
+            "_ACTIONCLI_COMPLETE": f"complete_{shell}",
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(len(words) - 1),
+        },
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
+    return [line for line in done.stdout.splitlines() if line]
+
+
+def test_completion_knows_commands_labels_and_layouts(filled: SupportStore, tmp_path: Path) -> None:
+    assert _complete("actioncli cl") == ["classify", "clear"]
+    assert _complete("actioncli show s") == ["squat"]
+    assert _complete("actioncli remove ") == sorted(a.label for a in filled.actions())
+    assert _complete("actioncli rename b") == ["bow"]
+    assert _complete("actioncli enroll w") == ["wave"]
+    assert _complete("actioncli classify --layout smpl") == ["smpl_24", "smpl+head_30"]
+    assert _complete(f"actioncli show --store {filled.path} s") == ["squat"]
+    assert _complete(f"actioncli --store {filled.path} show s") == ["squat"]
+
+
+def test_completion_is_silent_where_there_is_nothing_to_offer(home: Path, tmp_path: Path) -> None:
+    assert _complete("actioncli show ") == []
+    assert not home.exists()
+    broken = tmp_path / "broken.db"
+    broken.write_text("not a database")
+    assert _complete(f"actioncli show --store {broken} ") == []
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_completion_works_in_a_shell(filled: SupportStore, tmp_path: Path) -> None:
+    command = tmp_path / "actioncli"
+    command.write_text(f'#!/bin/sh\nexec {sys.executable} -m actioncli "$@"\n')
+    command.chmod(0o755)
+    script = f"""
+        export PATH={tmp_path}:$PATH
+        eval "$(actioncli --show-completion)"
+        COMP_WORDS=(actioncli show j) COMP_CWORD=2
+        _actioncli_completion actioncli
+        printf '%s\\n' "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(
+        ["bash", "--norc", "-c", script], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("jumping jack\n", "")

@@ -1,0 +1,54 @@
+"""export and import."""
+
+import json
+from pathlib import Path
+
+from actioncli import SupportStore
+
+from .conftest import Invoke, MakeClip
+
+
+def test_a_support_set_travels(
+    invoke: Invoke, store: SupportStore, clip: MakeClip, tmp_path: Path
+) -> None:
+    store.enroll_all([("wave", clip(0)), ("squat", clip(1))])
+    file = tmp_path / "actions.safetensors"
+    assert invoke("export", file).stdout == f"{file}: 2 examples written\n"
+    other = ["--store", tmp_path / "other.db"]
+    assert invoke("import", file, *other).stdout == f"{file}: 2 examples added, 0 already there\n"
+    again = json.loads(invoke("import", file, *other, "--json").stdout)
+    assert again == {"file": str(file), "added": 0, "skipped": 2}
+    assert invoke("list-support", *other).stdout == invoke("list-support").stdout
+    assert json.loads(invoke("export", file, "--json").stdout) == {
+        "file": str(file),
+        "examples": 2,
+    }
+
+
+def test_export_of_nothing_is_code_4(invoke: Invoke, tmp_path: Path) -> None:
+    assert invoke("export", tmp_path / "out").exit_code == 4
+
+
+def test_export_to_an_impossible_place_is_code_5(
+    invoke: Invoke, store: SupportStore, clip: MakeClip, tmp_path: Path
+) -> None:
+    store.enroll("wave", clip(0))
+    for target in (tmp_path, tmp_path / "no" / "folder" / "out", "/dev/null/out"):
+        assert invoke("export", target).exit_code == 5
+
+
+def test_import_of_damaged_files_is_code_5_and_adds_nothing(
+    invoke: Invoke, store: SupportStore, clip: MakeClip, tmp_path: Path
+) -> None:
+    store.enroll_all([("wave", clip(0)), ("squat", clip(1))])
+    file = tmp_path / "actions.safetensors"
+    store.export(file)
+    whole = file.read_bytes()
+    store.clear()
+    for damaged in (b"", whole[:-1], whole[:60], whole[:-9] + b"x" * 9, b"\x80\x04N."):
+        file.write_bytes(damaged)
+        result = invoke("import", file, "--json")
+        assert result.exit_code == 5
+        assert json.loads(result.stdout)["error"]["exit_code"] == 5
+        assert store.examples() == []
+    assert invoke("import", tmp_path / "none").exit_code == 5

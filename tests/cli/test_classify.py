@@ -1,0 +1,162 @@
+"""classify."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from actioncli import Recognizer, SupportStore, read_clip
+
+from .conftest import ACTIONS, EXAMPLES, Invoke, Run
+
+SQUAT = EXAMPLES / "squat/ada.npz"
+
+
+def test_an_accepted_clip(invoke: Invoke, filled: SupportStore) -> None:
+    result = invoke("classify", SQUAT, "--tau", "0")
+    assert result.exit_code == 0
+    first, header, *ranking = result.stdout.splitlines()
+    assert first.startswith(f"{SQUAT}: squat  (nearest squat, confidence ")
+    assert "> tau 0.00" in first
+    assert first.endswith(" ms)")
+    assert header.split() == ["action", "distance", "probability", "confidence"]
+    assert ranking[0].split()[0] == "squat"
+    assert len(ranking) == len(ACTIONS)
+
+
+def test_a_rejected_clip_is_code_1(invoke: Invoke, filled: SupportStore) -> None:
+    result = invoke("classify", SQUAT, "--tau", "1")
+    assert result.exit_code == 1
+    first = result.stdout.splitlines()[0]
+    assert first.startswith(f"{SQUAT}: rejected  (nearest squat, confidence ")
+    assert "<= tau 1.00" in first
+
+
+def test_json_says_what_the_library_says(invoke: Invoke, filled: SupportStore) -> None:
+    query = EXAMPLES / "wave_right/ben.npz"
+    told = json.loads(invoke("classify", query, "--json", "--tau", "0.25").stdout)
+    decision = Recognizer().classify(read_clip(query), filled.support(), tau=0.25)
+    [entry] = told["clips"]
+    assert (told["tau"], told["actions"]) == (0.25, len(ACTIONS))
+    assert (entry["label"], entry["accepted"]) == (decision.label, decision.accepted)
+    assert entry["nearest"] == decision.nearest
+    assert entry["confidence"] == pytest.approx(decision.confidence, rel=1e-4)
+    assert entry["notes"] == list(decision.notes)
+    assert [ranked["label"] for ranked in entry["ranking"]] == [r.label for r in decision.ranking]
+    for told_one, ranked in zip(entry["ranking"], decision.ranking, strict=True):
+        for key in ("distance", "probability", "confidence"):
+            assert told_one[key] == pytest.approx(getattr(ranked, key), rel=1e-4, abs=1e-6)
+    assert sum(ranked["probability"] for ranked in entry["ranking"]) == pytest.approx(1, abs=1e-4)
+
+
+def test_top_shortens_the_ranking(invoke: Invoke, filled: SupportStore) -> None:
+    told = json.loads(invoke("classify", SQUAT, "--top", "2", "--json").stdout)
+    assert len(told["clips"][0]["ranking"]) == 2
+    for words in (["--top", "0"], ["-q"]):
+        assert len(invoke("classify", SQUAT, *words).stdout.splitlines()) == 1
+
+
+def test_bad_clips_are_reported_and_the_rest_goes_on(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty.npy"
+    empty.touch()
+    text = tmp_path / "text.npy"
+    text.write_text("text")
+    (tmp_path / "folder").mkdir()
+    bad = [tmp_path / "none.npy", empty, text, tmp_path / "folder", tmp_path / "no*.json"]
+    words = ["classify", *bad, SQUAT, "--tau", "1"]
+    result = invoke(*words)
+    # A clip that cannot be read counts for more than one that is rejected.
+    assert result.exit_code == 3
+    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == len(bad)
+    assert all(str(path) in line for path, line in zip(bad, errors, strict=True))
+    assert "squat" in result.stdout
+    told = json.loads(invoke(*words, "--json").stdout)
+    assert (told["accepted"], told["rejected"], told["failed"]) == (0, 1, len(bad))
+    assert [entry["source"] for entry in told["clips"]] == [*map(str, bad), str(SQUAT)]
+    for entry in told["clips"][:-1]:
+        assert entry["error"]["exit_code"] == 3
+
+
+@pytest.mark.skipif(
+    os.name != "posix" or os.geteuid() == 0, reason="needs permissions that are enforced"
+)
+def test_a_folder_that_may_not_be_read(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o000)
+    assert invoke("classify", closed).exit_code == 3
+    assert invoke("classify", closed / "clip.npy").exit_code == 3
+
+
+@pytest.mark.parametrize("name", ["a/" * 3000, "x" * 300 + ".npy"])
+def test_impossible_file_names(invoke: Invoke, filled: SupportStore, name: str) -> None:
+    result = invoke("classify", name)
+    assert result.exit_code == 3
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_an_empty_support_set_is_code_4(invoke: Invoke, home: Path) -> None:
+    result = invoke("classify", SQUAT, "nowhere.npy")
+    assert result.exit_code == 4
+    assert "actioncli enroll LABEL CLIP" in result.stderr
+    told = json.loads(invoke("classify", SQUAT, "--json").stdout)
+    assert told["error"]["type"] == "SupportError"
+    assert not home.exists()
+
+
+def test_weights_that_cannot_be_used_are_code_6(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "damaged.safetensors"
+    damaged.write_bytes(b"\x08\0\0\0\0\0\0\0{}      ")
+    for weights in (damaged, tmp_path / "none.safetensors", tmp_path):
+        result = invoke("classify", SQUAT, "--weights", weights)
+        assert result.exit_code == 6
+        assert str(weights) in result.stderr
+
+
+def test_tau_is_the_stored_one_unless_it_is_given(invoke: Invoke, filled: SupportStore) -> None:
+    def used(*words: str) -> float:
+        told = json.loads(invoke("classify", SQUAT, "--json", *words).stdout)
+        assert told["clips"][0]["tau"] == told["tau"]
+        return float(told["tau"])
+
+    assert used() == 0.5
+    filled.set_setting("tau", "0.625")
+    assert used() == 0.625
+    assert used("--tau", "0.75") == 0.75
+
+
+def test_a_support_set_that_cannot_be_written_is_enough(
+    run: Run, filled: SupportStore, tmp_path: Path
+) -> None:
+    copy = tmp_path / "frozen" / "support.db"
+    copy.parent.mkdir()
+    shutil.copy(filled.path, copy)
+    copy.chmod(0o400)
+    copy.parent.chmod(0o500)
+    done = run("classify", SQUAT, "--store", copy, "--tau", "0")
+    copy.parent.chmod(0o700)
+    assert done.returncode == 0, done.stderr
+    assert ": squat" in done.stdout
+
+
+def test_ids_of_processes_that_enrol_at_once_are_all_there(
+    run: Run, store: SupportStore, tmp_path: Path
+) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(4) as pool:
+        done = list(
+            pool.map(
+                lambda label: run("enroll", label, EXAMPLES / f"{ACTIONS[label]}.npz"), ACTIONS
+            )
+        )
+    assert [one.returncode for one in done] == [0] * len(ACTIONS)
+    assert [action.label for action in store.actions()] == sorted(ACTIONS)

@@ -1,0 +1,129 @@
+"""enroll."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli import SupportStore, read_clip
+
+from .conftest import EXAMPLES, Invoke, Run
+
+
+def test_clips_are_added_and_told(invoke: Invoke, store: SupportStore) -> None:
+    file = EXAMPLES / "squat/ada.npz"
+    result = invoke("enroll", "squat", file, "--note", "porch")
+    assert result.exit_code == 0
+    [example] = store.examples("squat")
+    assert result.stdout == (f"squat: {file} added as example {example.id} (108 frames, 3.6 s)\n")
+    assert (example.source, example.note) == ("ada.npz", "porch")
+    # What reading decided is told beside the result, not in it.
+    assert f"note: {file}: " in result.stderr
+    np.testing.assert_array_equal(store.clip(example.id).joints, read_clip(file).joints)
+
+
+def test_the_same_clip_is_not_added_twice(invoke: Invoke, store: SupportStore) -> None:
+    invoke("enroll", "squat", EXAMPLES / "squat/ada.npz")
+    again = invoke("enroll", "squat", EXAMPLES / "squat/ada.npz", EXAMPLES / "squat/cleo.npz")
+    assert again.exit_code == 0
+    assert "ada.npz already there as example 1" in again.stdout
+    assert "cleo.npz added as example 2" in again.stdout
+    told = json.loads(invoke("enroll", "squat", EXAMPLES / "squat/ada.npz", "--json").stdout)
+    assert (told["added"], told["known"], told["failed"]) == (0, 1, 0)
+    assert len(store.examples()) == 2
+
+
+def test_folders_and_patterns_are_taken_and_each_file_once(
+    invoke: Invoke, store: SupportStore
+) -> None:
+    squat = EXAMPLES / "squat"
+    result = invoke("enroll", "squat", squat, squat / "*.npz", squat / "ada.npz", "-q")
+    assert (result.exit_code, result.output) == (0, "")
+    assert len(store.examples("squat")) == len(list(squat.iterdir()))
+
+
+def test_bad_clips_are_left_out_and_the_rest_is_enrolled(
+    invoke: Invoke, store: SupportStore, tmp_path: Path
+) -> None:
+    text = tmp_path / "text.npy"
+    text.write_text("this is no array")
+    unfit = tmp_path / "legs.npz"
+    legs = np.random.default_rng(0).normal(size=(20, 3, 3))
+    np.savez(unfit, joints=legs, joint_names=["lhip", "lkne", "lank"], fps=30, unit="m", up="y")
+    words = ["enroll", "squat", text, EXAMPLES / "squat/ada.npz", tmp_path / "none.npy", unfit]
+    result = invoke(*words)
+    assert result.exit_code == 3
+    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert [Path(line.split()[1].rstrip(":")).name for line in errors] == [
+        "text.npy",
+        "none.npy",
+        "legs.npz",
+    ]
+    assert len(store.examples()) == 1
+    told = json.loads(invoke(*words, "--json").stdout)
+    assert (told["added"], told["known"], told["failed"]) == (0, 1, 3)
+    assert ["error" in entry for entry in told["clips"]] == [True, False, True, True]
+
+
+def test_nothing_usable_leaves_no_store_behind(invoke: Invoke, home: Path) -> None:
+    assert invoke("enroll", "wave", "nowhere.npy").exit_code == 3
+    assert not home.exists()
+
+
+def test_ambiguous_clips_name_the_option_that_helps(invoke: Invoke, tmp_path: Path) -> None:
+    file = tmp_path / "clip.npy"
+    # 17 joints: two layouts have that many.
+    np.save(file, np.random.default_rng(0).normal(size=(20, 17, 3)))
+    result = invoke("enroll", "wave", file)
+    assert result.exit_code == 3
+    assert "--layout" in result.stderr
+    options = ["--layout", "h36m_17", "--unit", "m", "--up", "y", "--fps", "25"]
+    told = json.loads(invoke("enroll", "wave", file, *options, "--json").stdout)
+    assert told["clips"][0]["seconds"] == 0.76
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["--layout", "centaur"], ["--unit", "parsec"], ["--up", "left"], ["--fps", "0"]],
+)
+def test_impossible_options_are_wrong_usage(
+    invoke: Invoke, store: SupportStore, options: list[str]
+) -> None:
+    result = invoke("enroll", "squat", EXAMPLES / "squat/ada.npz", *options)
+    assert result.exit_code == 2
+    assert options[0] in result.stderr
+    assert store.examples() == []
+
+
+def test_a_store_that_cannot_be_written_is_code_5(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file" / "support.db", tmp_path, Path("/dev/null")):
+        result = invoke("enroll", "squat", EXAMPLES / "squat/ada.npz", "--store", place)
+        assert result.exit_code == 5
+        assert [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+
+
+def test_missing_weights_are_code_6(invoke: Invoke, store: SupportStore, tmp_path: Path) -> None:
+    words = ["enroll", "squat", EXAMPLES / "squat/ada.npz"]
+    assert invoke(*words, "--weights", tmp_path / "none.safetensors").exit_code == 6
+    assert store.examples() == []
+
+
+def test_control_characters_of_file_names_are_not_printed(
+    run: Run, store: SupportStore, tmp_path: Path
+) -> None:
+    good = tmp_path / "a\x1b[31m\nb.npz"
+    good.write_bytes((EXAMPLES / "squat/ada.npz").read_bytes())
+    bad = tmp_path / "c\x1b]0;title\x07.npy"
+    bad.write_text("no array")
+    undecodable = tmp_path / "d\udcff.npy"
+    undecodable.write_text("no array")
+    for more in ([], ["--json"]):
+        done = run("enroll", "squat", good, bad, undecodable, *more)
+        assert done.returncode == 3
+        written = (done.stdout + done.stderr).replace("\n", "")
+        assert written.isprintable()
+        assert r"\x1b" in done.stderr
+        assert r"\udcff" in done.stderr
+    assert store.examples("squat")[0].source.isprintable()

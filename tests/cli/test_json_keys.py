@@ -1,0 +1,89 @@
+"""The keys of every JSON document are those that the command's help names, no more and no less."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from actioncli import SupportStore
+
+from .conftest import EXAMPLES, Invoke
+
+SQUAT = str(EXAMPLES / "squat/ada.npz")
+# For each command, calls that together show every key.
+CALLS: dict[str, list[list[str]]] = {
+    "enroll": [["squat", SQUAT, "none.npy"]],
+    "classify": [[SQUAT, "none.npy"]],
+    "list-support": [[]],
+    "show": [["squat"]],
+    "rename": [["squat", "sit"]],
+    "export": [["FILE"]],
+    "import": [["FILE"]],
+    "remove": [["bow", "--yes"]],
+    "clear": [["--yes"]],
+    "doctor": [[]],
+}
+
+
+def documented(help_text: str) -> dict[str, set[str]]:
+    """From the path of an object to its keys, as the help has them."""
+    block = help_text.partition("JSON keys:\n")[2].partition("\n\n")[0]
+    keys: dict[str, set[str]] = {}
+    for line in block.splitlines():
+        path, colon, names = line.strip().rpartition(": ")
+        keys[path if colon else ""] = set(re.split(r", ", names))
+    return keys
+
+
+def found(value: object, path: str, keys: dict[str, set[str]]) -> dict[str, set[str]]:
+    """The same of a document."""
+    if isinstance(value, dict):
+        keys.setdefault(path, set()).update(value)
+        for key, member in value.items():
+            found(member, f"{path}.{key}" if path else key, keys)
+    elif isinstance(value, list):
+        for member in value:
+            found(member, f"{path}[]", keys)
+    return keys
+
+
+@pytest.mark.parametrize("command", CALLS)
+def test_keys_are_the_documented_ones(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path, command: str
+) -> None:
+    file = tmp_path / "actions.safetensors"
+    if command == "import":
+        filled.export(file)
+    keys: dict[str, set[str]] = {}
+    for call in CALLS[command]:
+        words = [str(file) if word == "FILE" else word for word in call]
+        found(json.loads(invoke(command, *words, "--json").stdout), "", keys)
+    assert keys == documented(invoke(command, "--help").stdout)
+
+
+def test_keys_of_an_error_are_the_documented_ones(invoke: Invoke) -> None:
+    error = json.loads(invoke("show", "x", "--json").stdout)
+    assert list(error) == ["error"]
+    inside = ", ".join(f'"{key}"' for key in error["error"])
+    assert f'{{"error": {{{inside}}}}}' in re.sub(r"\s+", " ", invoke("--help").stdout)
+
+
+@pytest.mark.parametrize("command", CALLS)
+def test_numbers_are_numbers_and_output_is_one_document(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path, command: str
+) -> None:
+    file = tmp_path / "actions.safetensors"
+    if command == "import":
+        filled.export(file)
+    words = [str(file) if word == "FILE" else word for word in CALLS[command][0]]
+    output = invoke(command, *words, "--json").stdout
+    document, end = json.JSONDecoder().raw_decode(output)
+    assert output[end:] == "\n"
+    leaves = [document]
+    while leaves:
+        value = leaves.pop()
+        if isinstance(value, dict | list):
+            leaves += value.values() if isinstance(value, dict) else value
+        elif isinstance(value, str):
+            assert not re.fullmatch(r"[-+]?\d+(\.\d*)?(e[-+]?\d+)?", value)
