@@ -26,7 +26,7 @@ from typing import Any, BinaryIO
 
 from actioncli.errors import ActionCliError, StoreError
 from actioncli.store.faults import system_fault
-from actioncli.store.record import Record, check_size
+from actioncli.store.record import TIME_FORMAT, Record, check_outline
 
 FORMAT = "actioncli support set"
 VERSION = 1
@@ -142,8 +142,7 @@ def _records(file: BinaryIO, size: int, path: Path) -> Iterator[Record]:
             record = replace(entry.record, joints=joints, confidence=confidence)
             _check(record)
             yield record
-    # JSON that nests too deeply is a RecursionError, a clip that is none a ClipError.
-    except (_RefusedError, ActionCliError, ValueError, RecursionError) as error:
+    except (_RefusedError, ActionCliError) as error:
         raise StoreError(
             f"{what}: {error} Nothing was imported; export the support set again."
         ) from error
@@ -159,7 +158,7 @@ def _read_header(file: BinaryIO, size: int) -> list[Entry]:
         raise _RefusedError("this is no export of a support set, or it was cut short.")
     if length > LARGEST_HEADER or size > LARGEST_ARCHIVE:
         raise _RefusedError("this is larger than any export of a support set.")
-    header = json.loads(file.read(length))
+    header = _parse(file.read(length))
     metadata = header.get("__metadata__") if isinstance(header, dict) else None
     if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
         raise _RefusedError("this is no export of a support set.")
@@ -171,7 +170,7 @@ def _read_header(file: BinaryIO, size: int) -> list[Entry]:
     text = metadata.get("examples")
     if not isinstance(text, str) or metadata.get("sha256") != _sha256(text):
         raise _RefusedError("its list of examples is damaged.")
-    manifest = json.loads(text)
+    manifest = _parse(text)
     if not isinstance(manifest, list):
         raise _RefusedError("its list of examples is no list.")
     entries = [_entry(fields) for fields in manifest]
@@ -180,6 +179,14 @@ def _read_header(file: BinaryIO, size: int) -> list[Entry]:
     if size != 8 + length + sum(entry.joints_size + entry.confidence_size for entry in entries):
         raise _RefusedError("it was cut short, or something was appended.")
     return entries
+
+
+def _parse(text: str | bytes) -> Any:
+    try:
+        return json.loads(text)
+    # Of another encoding, no JSON, an endless number; or nested too deeply.
+    except (ValueError, RecursionError) as error:
+        raise _RefusedError("this is no export of a support set, or it is damaged.") from error
 
 
 def _entry(fields: Any) -> Entry:
@@ -193,7 +200,7 @@ def _entry(fields: Any) -> Entry:
     if not names or not all(isinstance(name, str) for name in names) or fields["frames"] < 2:
         raise _RefusedError("the joint names or frames of an example make no clip.")
     confidence = fields.pop("confidence")
-    check_size(fields["frames"], len(names), "")
+    check_outline(fields["frames"], names, "")
     record = Record(**{**fields, "joint_names": tuple(names)}, joints=b"", confidence=None)
     return Entry(record, confidence)
 
@@ -207,8 +214,11 @@ def _check(record: Record) -> None:
     again = Record.from_clip(record.label, record.clip(), record.note, record.negative)
     if replace(again, added=record.added) != record:
         raise _RefusedError("its label, note or source is not as the store would write it.")
-    moment = datetime.fromisoformat(record.added)
-    if moment.strftime("%Y-%m-%dT%H:%M:%SZ") != record.added:
+    try:
+        time = datetime.fromisoformat(record.added).strftime(TIME_FORMAT)
+    except ValueError:
+        time = ""
+    if time != record.added:
         raise _RefusedError("its time is not as the store would write it.")
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from actioncli.store.names import check_label, file_name, plain_text
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
 
+TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 MOST_JOINTS = 1000
 # An hour and a half of 33 joints at 30 fps: beyond any action, and small enough to hold.
 LARGEST_CLIP_BYTES = 64 * 2**20
@@ -54,13 +56,7 @@ class Record:
             ClipError: the clip is too large to keep, or its joint names are not printable.
         """
         label = check_label(label)
-        check_size(len(clip.joints), len(clip.joint_names), clip.source)
-        for name in clip.joint_names:
-            if not (0 < len(name) <= LONGEST_JOINT_NAME and name.isprintable()):
-                raise ClipError(
-                    f"{file_name(clip.source) or 'clip'}: the joint name {name[:100]!a} is "
-                    "empty, too long or not printable; rename the joint."
-                )
+        check_outline(len(clip.joints), clip.joint_names, clip.source)
         joints = clip.joints.astype("<f4").tobytes()
         confidence = None if clip.confidence is None else clip.confidence.astype("<f4").tobytes()
         return cls(
@@ -68,7 +64,7 @@ class Record:
             negative=negative,
             source=file_name(clip.source),
             note=plain_text(note),
-            added=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            added=datetime.now(UTC).strftime(TIME_FORMAT),
             fps=clip.fps,
             frames=len(clip.joints),
             joint_names=clip.joint_names,
@@ -135,19 +131,25 @@ OUTLINE = "label, negative, source, note, added, fps, frames, joint_names, check
 COLUMNS = f"{OUTLINE}, joints, confidence"
 
 
-def check_size(frames: int, joints: int, source: str) -> None:
-    """Refuse what is no clip of an action.
+def check_outline(frames: int, names: Sequence[str], source: str) -> None:
+    """Refuse what is no clip of an action, or could not be shown.
 
     Raises:
-        ClipError: too many frames or joints.
+        ClipError: too many frames or joints, or joint names that are not printable.
     """
-    size = frames * joints * 12
-    if joints > MOST_JOINTS or size > LARGEST_CLIP_BYTES:
+    what = file_name(source) or "clip"
+    if len(names) > MOST_JOINTS or frames * len(names) * 12 > LARGEST_CLIP_BYTES:
         raise ClipError(
-            f"{file_name(source) or 'clip'}: {frames} frames of {joints} joints are too much for "
-            f"an example (at most {MOST_JOINTS} joints and {LARGEST_CLIP_BYTES >> 20} MB); "
-            "cut the action out of the recording."
+            f"{what}: {frames} frames of {len(names)} joints are too much for an example (at most "
+            f"{MOST_JOINTS} joints and {LARGEST_CLIP_BYTES >> 20} MB); cut the action out of the "
+            "recording."
         )
+    for name in names:
+        if not (0 < len(name) <= LONGEST_JOINT_NAME and name.isprintable()):
+            raise ClipError(
+                f"{what}: the joint name {name[:LONGEST_JOINT_NAME]!a} is empty, too long or not "
+                "printable; rename the joint."
+            )
 
 
 def _content_checksum(

@@ -1,0 +1,230 @@
+"""The support set: enrolling, listing, removing, renaming."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from storing import make_clip, same
+
+from actioncli.errors import ClipError, StoreError, SupportError, UsageError
+from actioncli.store.store import Action, Enrolled, SupportStore
+
+ASK = """
+import sys
+from actioncli.store.store import SupportStore
+print([action.label for action in SupportStore(sys.argv[1]).actions()])
+heavy = {"numpy", "torch", "cv2", "onnxruntime", "platformdirs", "hashlib"} & sys.modules.keys()
+assert not heavy, heavy
+"""
+
+
+def test_a_clip_comes_back_bit_for_bit(store: SupportStore) -> None:
+    for seed, confidence in ((0, False), (1, True)):
+        clip = make_clip(seed, confidence=confidence, source="/home/anna/wave.npy")
+        enrolled = store.enroll("  wave ", clip, note="left\nhand")
+        assert enrolled == Enrolled(seed + 1, "wave", added=True)
+        again = store.clip(enrolled.example)
+        assert same(again, clip)
+        assert again.source == "wave.npy"
+    example = store.examples()[0]
+    assert (example.label, example.negative, example.source) == ("wave", False, "wave.npy")
+    assert (example.frames, example.joints, example.fps) == (6, 4, 25.0)
+    assert example.note == "left hand"
+    assert re.fullmatch("[0-9a-f]{64}", example.checksum)
+    added = datetime.strptime(example.added, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
+    assert abs((datetime.now(UTC) - added).total_seconds()) < 60
+    assert store.check() == []
+
+
+def test_the_same_clip_is_not_doubled(store: SupportStore) -> None:
+    first = store.enroll("wave", make_clip(0))
+    again = store.enroll("wave", make_clip(0, source="other.npy"), note="again")
+    assert again == Enrolled(first.example, "wave", added=False)
+    assert store.enroll("clap", make_clip(0)).added
+    assert [enrolled.added for enrolled in store.enroll_all([("x", make_clip(1))] * 2)] == [
+        True, False,
+    ]  # fmt: skip
+    assert len(store.examples("wave")) == 1
+
+
+def test_many_are_enrolled_together_or_not_at_all(store: SupportStore) -> None:
+    assert store.enroll_all([]) == []
+    assert not store.path.exists()
+    with pytest.raises(UsageError):
+        store.enroll_all([("wave", make_clip(0)), ("", make_clip(1))])
+    with pytest.raises(ClipError):
+        store.enroll_all([("wave", make_clip(0)), ("wave", make_clip(1, 2, 1001))])
+    assert store.actions() == []
+    store.enroll("noise", make_clip(2), negative=True)
+    with pytest.raises(UsageError, match="holds negatives"):
+        store.enroll_all([("wave", make_clip(0)), ("noise", make_clip(1))])
+    assert [action.label for action in store.actions()] == ["noise"]
+
+
+def test_actions_are_listed_by_name(store: SupportStore) -> None:
+    store.enroll("wave", make_clip(0, frames=26))
+    store.enroll("clap", make_clip(1, frames=11))
+    store.enroll("wave", make_clip(2, frames=51))
+    store.enroll("noise", make_clip(3, frames=26), negative=True)
+    last = store.examples()[0].added
+    assert [
+        (action.label, action.examples, pytest.approx(action.seconds), action.negative)
+        for action in store.actions()
+    ] == [("clap", 1, 0.4, False), ("noise", 1, 1.0, True), ("wave", 2, 3.0, False)]
+    assert isinstance(store.actions()[0], Action)
+    assert store.actions()[0].last_added >= last
+    assert [(example.id, example.label) for example in store.examples()] == [
+        (2, "clap"), (4, "noise"), (1, "wave"), (3, "wave"),
+    ]  # fmt: skip
+    assert [example.id for example in store.examples("wave")] == [1, 3]
+
+
+def test_the_support_set_leaves_the_negatives_out(store: SupportStore) -> None:
+    store.enroll("wave", make_clip(0))
+    store.enroll("clap", make_clip(1))
+    store.enroll("wave", make_clip(2))
+    store.enroll("noise", make_clip(3), negative=True)
+    support = store.support()
+    assert list(support) == ["clap", "wave"]
+    assert all(
+        same(clip, make_clip(seed)) for clip, seed in zip(support["wave"], (0, 2), strict=True)
+    )
+    assert [same(clip, make_clip(3)) for clip in store.negatives()] == [True]
+
+
+def test_a_label_is_an_action_or_negatives(store: SupportStore) -> None:
+    store.enroll("wave", make_clip(0))
+    with pytest.raises(UsageError, match="holds an action"):
+        store.enroll("wave", make_clip(1), negative=True)
+
+
+def test_removing(store: SupportStore) -> None:
+    for seed in range(3):
+        store.enroll("wave", make_clip(seed))
+    store.enroll("clap", make_clip(3))
+    assert store.remove("wave", 2) == 1
+    assert [example.id for example in store.examples("wave")] == [1, 3]
+    for example in (2, 4, 99, -1, 2**70):
+        with pytest.raises(SupportError, match="has no example"):
+            store.remove("wave", example)
+        if example != 4:
+            with pytest.raises(SupportError, match="There is no example"):
+                store.clip(example)
+    assert store.remove(" wave ") == 2
+    assert [action.label for action in store.actions()] == ["clap"]
+    assert store.clear() == 1
+    assert store.clear() == 0
+    assert store.actions() == []
+    content = store.path.read_bytes()
+    assert b"clip.npy" not in content  # what was removed is gone from the file
+
+
+def test_renaming(store: SupportStore) -> None:
+    store.enroll("wave", make_clip(0))
+    store.enroll("wave", make_clip(1))
+    store.enroll("clap", make_clip(2))
+    assert store.rename("wave", " greet ") == 2
+    assert [action.label for action in store.actions()] == ["clap", "greet"]
+    assert store.rename("greet", "greet") == 2
+    with pytest.raises(UsageError, match="is enrolled already"):
+        store.rename("greet", "clap")
+    with pytest.raises(UsageError):
+        store.rename("greet", "a\nb")
+    assert store.check() == []
+
+
+def test_an_unknown_label_is_told_with_those_there_are(store: SupportStore) -> None:
+    def asks() -> list[object]:
+        return [
+            lambda: store.examples("wvae"),
+            lambda: store.remove("wvae"),
+            lambda: store.rename("wvae", "clap"),
+        ]
+
+    for ask in asks():
+        with pytest.raises(SupportError, match="nothing is") as error:
+            ask()
+        assert error.value.exit_code == 4
+    assert not store.path.parent.exists()
+    store.enroll("wave", make_clip(0))
+    for ask in asks():
+        with pytest.raises(SupportError, match="`wvae` is not enrolled; enrolled: `wave`"):
+            ask()
+    store.enroll_all((f"action {seed:02}", make_clip(seed)) for seed in range(12))
+    with pytest.raises(SupportError, match=r"`action 09`, \.\.\.\.$"):
+        store.examples("wvae")
+
+
+def test_a_store_that_is_not_there_is_empty_and_stays_away(store: SupportStore) -> None:
+    assert store.actions() == []
+    assert store.examples() == []
+    assert store.support() == {}
+    assert store.negatives() == []
+    assert store.setting("tau") is None
+    assert store.clear() == 0
+    assert store.check() == []
+    with pytest.raises(SupportError):
+        store.clip(1)
+    assert not store.path.parent.exists()
+
+
+def test_settings_are_kept(store: SupportStore) -> None:
+    store.set_setting("tau", "0.6")
+    assert store.setting("tau") == "0.6"
+    store.set_setting("tau", "0.7")
+    assert SupportStore(store.path).setting("tau") == "0.7"
+    store.set_setting("tau", None)
+    assert store.setting("tau") is None
+    assert store.check() == []
+
+
+def test_it_can_be_used_in_a_with_block(store: SupportStore) -> None:
+    with store as same_store:
+        same_store.enroll("wave", make_clip(0))
+    assert len(store.actions()) == 1
+    assert repr(store) == f"SupportStore({str(store.path)!r})"
+
+
+def test_damage_of_one_example_names_it_and_it_can_be_removed(store: SupportStore) -> None:
+    store.enroll_all((label, make_clip(seed)) for seed, label in enumerate(["wave", "clap"]))
+    with closing(sqlite3.connect(store.path)) as db:
+        db.execute("UPDATE examples SET joints = zeroblob(length(joints)) WHERE id = 1")
+        db.commit()
+    assert store.check()[0].startswith(f"{store.path}: example 1 of 'wave' is damaged")
+    for ask in (store.support, lambda: store.clip(1)):
+        with pytest.raises(StoreError, match="remove LABEL --example 1"):
+            ask()
+    assert len(store.actions()) == 2
+    store.remove("wave", 1)
+    assert store.check() == []
+
+
+def test_listing_imports_nothing_heavy(store: SupportStore) -> None:
+    store.enroll("wave", make_clip(0))
+    listing = subprocess.run(
+        [sys.executable, "-c", ASK, str(store.path)], capture_output=True, text=True, check=False
+    )
+    assert listing.stderr == ""
+    assert listing.stdout == "['wave']\n"
+
+
+def test_the_clock_may_jump(store: SupportStore, tmp_path: Path) -> None:
+    """Order is that of enrolment, whatever the clock said."""
+    store.enroll_all(("wave", make_clip(seed)) for seed in range(3))
+    with closing(sqlite3.connect(store.path)) as db:
+        db.execute("UPDATE examples SET added = '2099-01-01T00:00:00Z' WHERE id = 1")
+        db.execute("UPDATE examples SET added = '1970-01-01T00:00:00Z' WHERE id = 3")
+        db.commit()
+    assert [example.id for example in store.examples()] == [1, 2, 3]
+    assert store.actions()[0].last_added == "2099-01-01T00:00:00Z"
+    store.export(tmp_path / "out")
+    other = SupportStore(tmp_path / "other.db")
+    other.import_(tmp_path / "out")
+    assert other.examples() == store.examples()
