@@ -28,6 +28,7 @@ test: .venv/installed
 bench: .venv/installed
 	.venv/bin/python tests/benchmarks/startup.py
 	.venv/bin/python tests/benchmarks/query.py
+	.venv/bin/python tests/benchmarks/training.py
 
 clean:
 	rm -rf .venv .venv-demo build dist actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
