@@ -13,6 +13,7 @@ from storing import make_clip, same
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
+from actioncli.store import record
 from actioncli.store.record import Record
 
 
@@ -27,17 +28,17 @@ from actioncli.store.record import Record
 def test_what_goes_in_comes_out(joints: np.ndarray, fps: float) -> None:
     joints[0, 0, 0], joints[1, 0, 0] = 0, 1
     clip = Clip(joints, [f"j{place}" for place in range(joints.shape[1])], fps)
-    record = Record.from_clip("wave", clip)
-    assert record.intact()
-    assert same(record.clip(), clip)
-    assert Record.from_row(record.row()) == record
+    kept = Record.from_clip("wave", clip)
+    assert kept.intact()
+    assert same(kept.clip(), clip)
+    assert Record.from_row(kept.row()) == kept
 
 
 def test_bytes_are_little_endian_float32() -> None:
     clip = Clip([[[1, 2, 3]], [[4, 5, 6]]], ["head"], 30, [[0.5], [1]])
-    record = Record.from_clip("wave", clip)
-    assert record.joints == np.array([1, 2, 3, 4, 5, 6], "<f4").tobytes()
-    assert record.confidence == np.array([0.5, 1], "<f4").tobytes()
+    kept = Record.from_clip("wave", clip)
+    assert kept.joints == np.array([1, 2, 3, 4, 5, 6], "<f4").tobytes()
+    assert kept.confidence == np.array([0.5, 1], "<f4").tobytes()
 
 
 def test_the_checksum_covers_the_content_and_nothing_else() -> None:
@@ -56,34 +57,35 @@ def test_the_checksum_covers_the_content_and_nothing_else() -> None:
 
 
 def test_damage_is_seen() -> None:
-    record = Record.from_clip("wave", make_clip(0, confidence=True))
-    assert record.confidence
+    kept = Record.from_clip("wave", make_clip(0, confidence=True))
+    assert kept.confidence
     for damaged in (
-        replace(record, joints=b"\0" + record.joints[1:]),
-        replace(record, joints=record.joints[:-12]),
-        replace(record, confidence=None),
-        replace(record, confidence=record.confidence[:-1] + b"\0"),
-        replace(record, fps=26.0),
-        replace(record, frames=5),
-        replace(record, joint_names=("a", "b", "c", "d")),
+        replace(kept, joints=b"\0" + kept.joints[1:]),
+        replace(kept, joints=kept.joints[:-12]),
+        replace(kept, confidence=None),
+        replace(kept, confidence=kept.confidence[:-1] + b"\0"),
+        replace(kept, fps=26.0),
+        replace(kept, frames=5),
+        replace(kept, joint_names=("a", "b", "c", "d")),
     ):
         assert not damaged.intact()
 
 
-def test_what_no_one_could_export_is_refused() -> None:
+def test_what_no_one_could_export_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError):
         Record.from_clip("a\nb", make_clip(0))
     joints = make_clip(0, joints=1).joints
     for name in ("", "a\nb", "\x1b[2J", "x" * 101):
         with pytest.raises(ClipError, match="joint name"):
             Record.from_clip("wave", Clip(joints, [name]))
-    with pytest.raises(ClipError, match=r"long\.npy: 6000 frames of 1000 joints are too much"):
-        Record.from_clip("wave", make_clip(0, 6000, 1000, source="/x/long.npy"))
     with pytest.raises(ClipError, match="too much"):
         Record.from_clip("wave", make_clip(0, 2, 1001))
+    monkeypatch.setattr(record, "LARGEST_CLIP_BYTES", 60 * 25 * 12 - 1)
+    with pytest.raises(ClipError, match=r"^long\.npy: 60 frames of 25 joints are too much"):
+        Record.from_clip("wave", make_clip(0, 60, 25, source="/x/long.npy"))
 
 
 def test_the_source_loses_its_folder_and_the_note_its_control_characters() -> None:
-    record = Record.from_clip("wave", make_clip(0, source="/home/anna/wave.npy"), "a\x1b[31m\nb")
-    assert (record.source, record.note) == ("wave.npy", "a [31m b")
-    assert record.clip().source == "wave.npy"
+    kept = Record.from_clip("wave", make_clip(0, source="/home/anna/wave.npy"), "a\x1b[31m\nb")
+    assert (kept.source, kept.note) == ("wave.npy", "a [31m b")
+    assert kept.clip().source == "wave.npy"
