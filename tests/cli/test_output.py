@@ -1,6 +1,9 @@
 """Escaping, tables, numbers."""
 
 import json
+import os
+import subprocess
+import sys
 import unicodedata
 
 import pytest
@@ -58,3 +61,27 @@ def test_progress_passes_everything_on_and_is_silent_without_a_terminal(
 ) -> None:
     assert list(progress([1, 2, 3], "Counting")) == [1, 2, 3]
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+def test_progress_is_drawn_on_a_terminal_once_it_takes_long() -> None:
+    script = """
+import time
+from actioncli.cli.output import progress
+for seconds in progress([{seconds}, 0, 0], "Sleeping"):
+    time.sleep(seconds)
+"""
+
+    def drawn(seconds: float) -> bytes:
+        terminal, stderr = os.openpty()
+        words = [sys.executable, "-c", script.format(seconds=seconds)]
+        done = subprocess.run(words, stdout=subprocess.PIPE, stderr=stderr, check=True)
+        assert done.stdout == b""
+        os.write(stderr, b"end")
+        os.close(stderr)
+        written = os.read(terminal, 100_000)
+        os.close(terminal)
+        return written
+
+    assert drawn(0) == b"end"
+    assert b"Sleeping" in drawn(2.1)
