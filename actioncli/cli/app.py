@@ -134,7 +134,8 @@ def _report(
     """Tell an error: one line on standard error, and one document where JSON is wanted."""
     settings = settings or Settings()
     if settings.debug:
-        note("".join(traceback.format_exception(error)).rstrip())
+        for line in "".join(traceback.format_exception(error)).splitlines():
+            note(printable(line))
     text = " ".join((str(error) if message is None else message).splitlines())
     note(f"error: {printable(text)}")
     if settings.json:

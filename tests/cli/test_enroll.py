@@ -119,7 +119,7 @@ def test_control_characters_of_file_names_are_not_printed(
     bad.write_text("no array")
     undecodable = tmp_path / "d\udcff.npy"
     undecodable.write_text("no array")
-    for more in ([], ["--json"]):
+    for more in ([], ["--json"], ["--debug"]):
         done = run("enroll", "squat", good, bad, undecodable, *more)
         assert done.returncode == 3
         written = (done.stdout + done.stderr).replace("\n", "")
