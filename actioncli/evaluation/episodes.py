@@ -205,9 +205,10 @@ class Sampler:
         return np.array(clips, dtype=np.intp)
 
     def _generator(self, ways: int, number: int) -> np.random.Generator:
-        # The collection's name, not its place in the argument list.
+        # Of the collection its name, not its place in the argument list. Not the shots: those of
+        # fewer are the first of those of more, so that only what they add makes a difference.
         name = zlib.crc32(self.name.encode())
-        return np.random.default_rng([self.seed, name, ways, self.shots, number])
+        return np.random.default_rng([self.seed, name, ways, number])
 
     def _too_thin(self, ways: int) -> str:
         what = f"{ways}-way {self.shots}-shot" if ways else f"{self.shots}-shot"

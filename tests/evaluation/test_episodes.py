@@ -96,6 +96,17 @@ def test_supports_of_several_shots_come_from_several_people() -> None:
     assert all(len({subjects[clip] for clip in support}) == 5 for support in episode.support)
 
 
+def test_more_shots_add_examples_to_the_same_episode() -> None:
+    labels, subjects = regular(classes=5, people=10, clips=2)
+    one, three = (
+        Sampler("shots", labels, subjects, set(labels), shots=shots).episode(3, 0)
+        for shots in (1, 3)
+    )
+    assert one.labels == three.labels
+    np.testing.assert_array_equal(one.support, three.support[:, :1])
+    np.testing.assert_array_equal(one.queries, three.queries)
+
+
 def test_every_class_gets_its_turn_as_known_and_as_unknown() -> None:
     labels, subjects = regular(classes=6, people=4, clips=1)
     sampler = Sampler("fair", labels, subjects, set(labels))
