@@ -57,8 +57,8 @@ class PersonDetector:
         """Find people in a BGR image (H, W, 3); the surest first."""
         height, width = image.shape[:2]
         square = Region(width / 2, height / 2, max(width, height))
-        pixels = square.crop(image, SIDE, cv2.BORDER_CONSTANT)
-        output = self._network(np.asarray(pixels[:, :, ::-1] / 127.5 - 1, np.float32))
+        pixels = cv2.cvtColor(square.crop(image, SIDE, cv2.BORDER_CONSTANT), cv2.COLOR_BGR2RGB)
+        output = self._network(pixels * np.float32(2 / 255) - np.float32(1))
         scores = sigmoid(output["scores"][0, :, 0])
         likely = scores > LEAST_SCORE
         boxes, points = decode(output["boxes"][0, likely], self._anchors[likely])

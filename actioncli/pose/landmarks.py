@@ -57,8 +57,8 @@ class LandmarkEstimator:
 
     def __call__(self, image: Image, region: Region) -> Body:
         """Estimate the body in a region of a BGR image (H, W, 3)."""
-        pixels = region.crop(image, SIDE, cv2.BORDER_REPLICATE)
-        output = self._network(np.asarray(pixels[:, :, ::-1] / 255, np.float32))
+        pixels = cv2.cvtColor(region.crop(image, SIDE, cv2.BORDER_REPLICATE), cv2.COLOR_BGR2RGB)
+        output = self._network(pixels * np.float32(1 / 255))
         rows = output["landmarks"].reshape(ALL_POINTS, 5)  # x, y, z, visibility, presence
         points = refine(rows[:, :2] / np.float32(SIDE), output["heatmap"][0])
         world = output["world"].reshape(ALL_POINTS, 3)[:LANDMARK_COUNT].copy()
@@ -83,18 +83,23 @@ def refine(points: FloatArray, heatmap: FloatArray) -> FloatArray:
     Returns:
         (N, 2).
     """
-    height, width, _ = heatmap.shape
-    reach = (HEAT_KERNEL - 1) // 2
-    refined = points.copy()
-    for n, (x, y) in enumerate(points):
-        column, row = int(x * width), int(y * height)
-        if not (0 <= column < width and 0 <= row < height):
-            continue
-        left, top = max(0, column - reach), max(0, row - reach)
-        heat = sigmoid(heatmap[top : row + reach + 1, left : column + reach + 1, n])
-        if heat.max() >= LEAST_HEAT:
-            total = heat.sum()
-            refined[n, 0] = (heat.sum(axis=0) @ np.arange(left, left + heat.shape[1])) / total
-            refined[n, 1] = (heat.sum(axis=1) @ np.arange(top, top + heat.shape[0])) / total
-            refined[n] /= (width, height)
-    return refined
+    height, width, count = heatmap.shape
+    column, row = (points * (width, height)).T.astype(int)  # each (N,), towards zero
+    inside = (points > -1 / width).all(axis=1) & (column < width) & (row < height)
+    steps = np.arange(-(HEAT_KERNEL // 2), HEAT_KERNEL // 2 + 1)
+    columns, rows = column[:, np.newaxis] + steps, row[:, np.newaxis] + steps  # (N, 9)
+    window = heatmap[
+        rows.clip(0, height - 1)[:, :, np.newaxis],
+        columns.clip(0, width - 1)[:, np.newaxis],
+        np.arange(count)[:, np.newaxis, np.newaxis],
+    ]
+    known = ((rows >= 0) & (rows < height))[:, :, np.newaxis] & (
+        (columns >= 0) & (columns < width)
+    )[:, np.newaxis]
+    heat = sigmoid(window) * known  # (N, 9, 9)
+    total = np.maximum(heat.sum(axis=(1, 2)), 1e-12)
+    centre = np.stack(
+        [(heat.sum(axis=1) * columns).sum(axis=1), (heat.sum(axis=2) * rows).sum(axis=1)], axis=1
+    ) / (total[:, np.newaxis] * (width, height))
+    hot = inside & (heat.max(axis=(1, 2)) >= LEAST_HEAT)
+    return np.asarray(np.where(hot[:, np.newaxis], centre, points), np.float32)

@@ -65,19 +65,26 @@ class Region:
         Args:
             border: cv2.BORDER_CONSTANT (black) or cv2.BORDER_REPLICATE outside the image.
         """
+        # Every position is the corner plus whole steps along the region's two edges.
+        edges = _rotation(self.angle) * self.size  # columns: along the upper, the left edge
+        corner = (self.x, self.y) - edges.sum(axis=1) / 2
         steps = np.arange(side) / side
-        grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) - 0.5
-        position = grid * self.size @ _rotation(self.angle).T + (self.x, self.y)
-        fixed = np.rint(position * cv2.INTER_TAB_SIZE).astype(np.int64)
+        fixed = [
+            np.rint(
+                (corner[axis] + edges[axis, 0] * steps + (edges[axis, 1] * steps)[:, np.newaxis])
+                * cv2.INTER_TAB_SIZE
+            ).astype(np.int32)
+            for axis in (0, 1)
+        ]
         # A cell of the image, and which of the 32 x 32 bilinear weight tables to use in it.
-        cell = (fixed >> cv2.INTER_BITS).clip(-32768, 32767).astype(np.int16)
-        table = fixed & (cv2.INTER_TAB_SIZE - 1)
-        weights = (table[:, 1] * cv2.INTER_TAB_SIZE + table[:, 0]).astype(np.uint16)
+        cell = np.stack([f >> cv2.INTER_BITS for f in fixed], axis=-1)
+        across, down = (f & (cv2.INTER_TAB_SIZE - 1) for f in fixed)
+        weights = down * cv2.INTER_TAB_SIZE + across
         return np.asarray(
             cv2.remap(
                 image,
-                cell.reshape(side, side, 2),
-                weights.reshape(side, side),
+                cell.clip(-32768, 32767).astype(np.int16),
+                weights.astype(np.uint16),
                 cv2.INTER_LINEAR,
                 borderMode=border,
             ),
