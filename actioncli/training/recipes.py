@@ -40,5 +40,5 @@ class Recipe:
 
 RECIPES = {
     recipe.name: recipe
-    for recipe in (Recipe("paper", ModelConfig(), steps=3000, batch=4, ways=5, rate=1e-3),)
+    for recipe in (Recipe("paper", ModelConfig(), steps=1500, batch=4, ways=5, rate=1e-3),)
 }
