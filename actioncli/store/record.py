@@ -83,7 +83,11 @@ class Record:
         label, negative, source, note, added, fps, frames, names, checksum, joints, weights = row
         named = json.loads(names)
         texts = (label, source, note, added, checksum)
-        if not (isinstance(named, list) and all(isinstance(text, str) for text in texts)):
+        if not (
+            isinstance(named, list)
+            and isinstance(frames, int)
+            and all(isinstance(text, str) for text in texts)
+        ):
             raise TypeError("a column is of another type")
         return cls(
             label, bool(negative), source, note, added, float(fps), frames, tuple(named), checksum,

@@ -144,7 +144,7 @@ def test_sixteen_processes_that_do_everything_at_once(store: SupportStore, tmp_p
 
     def live(process: int) -> None:
         mine = f"process {process}"
-        for turn in range(3):
+        for turn in range(2):
             store.enroll_all([(mine, make_clip(process * 100 + turn + 1)), ("all", make_clip(7))])
             assert store.rename(mine, f"{mine} renamed") == turn + 1
             store.embeddings("w", lambda clips: clips[0].joints[None, :, :, 0])

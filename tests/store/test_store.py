@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sqlite3
 import subprocess
@@ -203,6 +204,32 @@ def test_damage_of_one_example_names_it_and_it_can_be_removed(store: SupportStor
             ask()
     assert len(store.actions()) == 2
     store.remove("wave", 1)
+    assert store.check() == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["joint_names = '['", "joint_names = '{}'", "joint_names = '[3]'",
+     "label = CAST(label AS BLOB)", "source = CAST(source AS BLOB)", "fps = 'fast'", "frames = 'many'", "checksum = x'00'",
+     "joints = CAST(joints AS TEXT)", "added = CAST(x'ff' AS TEXT)", "label = CAST(x'ff' AS TEXT)"],
+)  # fmt: skip
+def test_columns_of_another_kind_are_damage(
+    store: SupportStore, tmp_path: Path, change: str
+) -> None:
+    store.enroll("wave", make_clip(0))
+    with closing(sqlite3.connect(store.path)) as db:
+        db.execute("PRAGMA ignore_check_constraints = ON")
+        db.execute(f"UPDATE examples SET {change}")
+        db.commit()
+    assert store.check()
+    for ask in (store.support, lambda: store.clip(1), lambda: store.export(tmp_path / "out")):
+        with pytest.raises(StoreError, match="damaged"):
+            ask()
+    for ask in (store.actions, store.examples):
+        with contextlib.suppress(StoreError):
+            ask()  # what it needs may be whole
+    assert not (tmp_path / "out").exists()
+    store.clear()
     assert store.check() == []
 
 
