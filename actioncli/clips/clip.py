@@ -80,7 +80,11 @@ class Clip:
                 f"{where}a clip needs at least 2 distinct frames, this has "
                 f"{min(len(positions), 1)}; record the action as a moving sequence."
             )
-        if not (np.isfinite(fps) and fps > 0):
+        try:
+            rate = float(fps)
+        except (TypeError, ValueError):
+            rate = 0.0
+        if not 0 < rate < float("inf"):
             raise ClipError(f"{where}fps must be a positive number, not {fps!r}.")
         if confidence is not None:
             weights = _frozen(confidence, f"{where}confidence")
@@ -96,7 +100,7 @@ class Clip:
             object.__setattr__(self, "confidence", None)
         object.__setattr__(self, "joints", positions)
         object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "fps", float(fps))
+        object.__setattr__(self, "fps", rate)
         object.__setattr__(self, "source", str(source))
         object.__setattr__(self, "notes", tuple(notes))
 

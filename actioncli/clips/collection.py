@@ -22,7 +22,8 @@ _KEYS = ("joints_mm", "lengths", "labels", "subjects", "joint_names", "fps")
 _METRES = np.float32(0.001)
 # NTU RGB+D names performers in the file name (S001C002P003R002A013), others by s03, subject_3.
 _SUBJECT = re.compile(
-    r"(?<=C\d{3})P\d{3}(?=R\d{3})|(?i:(?<![a-z\d])(?:s|p|subj|subject|person)_?\d+)(?![a-z\d])"
+    r"(?<=C\d{3})P\d{3}(?=R\d{3})"
+    r"|(?i:(?<![a-z\d])(?:s|p|subj|subject|person)_?\d+(?![a-z\d]))"
 )
 
 
@@ -103,7 +104,7 @@ def _from_archive(file: Path) -> Collection:
 
     check_file(file)
     try:
-        arrays = read_arrays(file, _KEYS)
+        arrays = read_arrays(file, _KEYS, f"a collection needs {', '.join(_KEYS)}")
     except (OSError, MemoryError) as error:
         raise ClipError(f"{file}: cannot be read: {error}.") from error
     joints, names, fps, lengths = _checked(arrays, file)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.axes import infer_up
+from actioncli.clips.axes import body_size, infer_up
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.formats.files import Numbers, text_lines
 from actioncli.clips.persons import activity
@@ -121,8 +121,9 @@ def _one_figure(
 
 def _rest_up(stance: FloatArray, names: tuple[str, ...]) -> str | None:
     """The up axis of the pose without rotations, which nearly always stands."""
+    size = body_size(stance, names)
     try:
-        return infer_up(stance, names, 1.0, None, "")
+        return infer_up(stance, names, 1 / size if size else 1.0, None, "")
     except ClipError:
         return None
 

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.recording import LARGEST_CLIP
+from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP
 from actioncli.errors import ClipError
 
 MEGABYTE = 10**6
 LARGEST_FILE = 1000 * MEGABYTE
 LARGEST_TEXT = 200 * MEGABYTE
+LARGEST_NUMBER = 1e9
 _LONGEST_LINE = 2**20
 
 
@@ -81,9 +82,10 @@ def text_lines(file: Path) -> Iterator[str]:
 class Numbers:
     """Rows of numbers gathered compactly, with a bound on how many there may be."""
 
-    def __init__(self, file: Path, width: int) -> None:
-        """Gather rows of `width` numbers each."""
+    def __init__(self, file: Path, width: int, most_rows: int = LONGEST_CLIP) -> None:
+        """Gather up to `most_rows` rows of `width` numbers each."""
         self._file = file
+        self._most_rows = most_rows
         self._width = width
         self._values = array("f")
 
@@ -96,16 +98,34 @@ class Numbers:
         Raises:
             ClipError: the file holds more numbers than a clip may have.
         """
-        if len(self._values) + len(row) > LARGEST_CLIP:
+        if len(self._values) + len(row) > LARGEST_CLIP or len(self) > self._most_rows:
             raise ClipError(
-                f"{self._file}: holds more than {LARGEST_CLIP} numbers, more than a clip may "
-                "have; cut out the action."
+                f"{self._file}: holds more than {LARGEST_CLIP} numbers or {self._most_rows} rows, "
+                "more than a clip may have; cut out the action."
             )
         self._values.extend(row)
 
     def table(self) -> FloatArray:
-        """(rows, width) float32."""
-        return np.frombuffer(self._values, dtype=np.float32).reshape(len(self), self._width)
+        """(rows, width) float32.
+
+        Raises:
+            ClipError: there are no rows, or a number is beyond all positions.
+        """
+        if not self._values:
+            raise ClipError(f"{self._file}: holds no rows of numbers.")
+        table = np.frombuffer(self._values, dtype=np.float32).reshape(len(self), self._width)
+        check_range(table, str(self._file))
+        return table
+
+
+def check_range(values: FloatArray, where: str) -> None:
+    """Refuse finite numbers so large that arithmetic with them would overflow."""
+    sizes = np.abs(values)
+    if (sizes[np.isfinite(sizes)] >= LARGEST_NUMBER).any():
+        raise ClipError(
+            f"{where}: holds numbers of {LARGEST_NUMBER:.0e} and more, which are no positions "
+            "or angles."
+        )
 
 
 def number(text: str) -> float:

@@ -29,7 +29,8 @@ _METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 
 def read(file: Path) -> Recording:
     """A clip's `poses3d` or `joints`, with what stands beside them."""
-    arrays = read_arrays(file, {*POSITIONS, *_METADATA, "lengths", "joints_mm"}, only_array=True)
+    wanted = (*POSITIONS, *_METADATA, "lengths", "joints_mm")
+    arrays = read_arrays(file, wanted, "a clip needs poses3d or joints", only_array=True)
     if "joints_mm" in arrays and "lengths" in arrays:
         raise ClipError(
             f"{file}: is a collection of {arrays['lengths'].size} clips, not a clip; "
@@ -39,9 +40,15 @@ def read(file: Path) -> Recording:
 
 
 def read_arrays(
-    file: Path, wanted: Container[str], only_array: bool = False
+    file: Path, wanted: Container[str], need: str, only_array: bool = False
 ) -> Mapping[str, NDArray[Any]]:
-    """The wanted arrays of an archive by name; with `only_array`, a single unnamed one too.
+    """The wanted arrays of an archive by name; with `only_array`, a single one of any name too.
+
+    Args:
+        file: the archive.
+        wanted: names of arrays; others are not read.
+        need: what to say where none of them is there.
+        only_array: take the only array of the archive as positions.
 
     Raises:
         ClipError: the archive is damaged, or an array is (see `npy.read_header`).
@@ -55,9 +62,7 @@ def read_arrays(
                 chosen = dict(zip(POSITIONS, members.values(), strict=False))
             if not chosen:
                 listed = ", ".join(repr(name[:40]) for name in list(members)[:20]) or "nothing"
-                raise ClipError(
-                    f"{file}: holds {listed}; a clip needs an array {' or '.join(POSITIONS[:2])}."
-                )
+                raise ClipError(f"{file}: holds {listed}; {need}.")
             arrays = {}
             for name, info in chosen.items():
                 if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):

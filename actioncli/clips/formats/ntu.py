@@ -16,7 +16,7 @@ import numpy as np
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.formats.files import Numbers, text_lines
 from actioncli.clips.layouts import LAYOUTS
-from actioncli.clips.recording import LARGEST_CLIP, Recording
+from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, Recording
 from actioncli.errors import ClipError
 
 _LAYOUT = "kinect_v2_25"
@@ -39,8 +39,8 @@ def read(file: Path) -> Recording:
         ClipError: it is damaged, or nobody is in it.
     """
     lines = enumerate(text_lines(file), 1)
-    announced = _count(lines, file, "frames", LARGEST_CLIP)
-    rows = Numbers(file, 4)
+    announced = _count(lines, file, "frames", LONGEST_CLIP)
+    rows = Numbers(file, 4, LARGEST_CLIP)
     owners: list[tuple[int, str]] = []
     frames = 0
     for at, line in lines:

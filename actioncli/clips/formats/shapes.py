@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
+from actioncli.clips.formats.files import check_range
 from actioncli.clips.recording import LARGEST_CLIP
 from actioncli.errors import ClipError
 
@@ -43,4 +44,6 @@ def to_people(values: NDArray[Any], where: str) -> FloatArray:
             f"{LARGEST_CLIP} that a clip may have; cut out the action."
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.ascontiguousarray(values, dtype=np.float32)
+        positions = np.ascontiguousarray(values, dtype=np.float32)
+    check_range(positions, where)
+    return positions

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actioncli.clips.formats.json_file import read
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.errors import ClipError
+
+from ..bodies import waving
+
+BODY = waving().round(4)
+
+
+def load(tmp_path: Path, content: Any) -> Any:
+    text = content if isinstance(content, str) else json.dumps(content)
+    (tmp_path / "a.json").write_text(text, encoding="utf-8")
+    return read(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        BODY.tolist(),
+        BODY.reshape(40, -1).tolist(),
+        BODY[:, None].tolist(),
+        {"poses3d": BODY.tolist(), "poses2d": []},
+        {"frames": BODY.tolist()},
+        {"frames": [{"frame": at, "joints": body} for at, body in enumerate(BODY.tolist())]},
+        [{"poses3d": [body]} for body in BODY.tolist()],
+    ],
+)
+def test_the_ways_people_nest_poses(tmp_path: Path, content: Any) -> None:
+    np.testing.assert_allclose(load(tmp_path, content).positions[:, 0], BODY, atol=1e-6)
+
+
+def test_frames_by_joint_name(tmp_path: Path) -> None:
+    lists = [dict(zip(DEFAULT_JOINTS, frame, strict=True)) for frame in BODY.tolist()]
+    points = [
+        {"id": 3, "joints": {name: dict(zip("xyz", at, strict=True)) for name, at in frame.items()}}
+        for frame in lists
+    ]
+    del points[4]["joints"]["head"]
+    for content in (lists, points, {"frames": points, "fps": 12}):
+        recording = load(tmp_path, content)
+        assert recording.joint_names == DEFAULT_JOINTS
+        known = np.isfinite(recording.positions)
+        np.testing.assert_allclose(recording.positions[known], BODY[:, None][known], atol=1e-6)
+    assert recording.fps == 12
+    assert not known[4, 0, DEFAULT_JOINTS.index("head")].any()
+
+
+def test_metadata(tmp_path: Path) -> None:
+    content = {
+        "joints": BODY.tolist(), "joint_names": DEFAULT_JOINTS, "fps": 50, "unit": "cm",
+        "up": "z", "layout": None, "confidence": np.full((40, 15), 0.5).tolist(),
+    }  # fmt: skip
+    recording = load(tmp_path, content)
+    assert (recording.fps, recording.unit, recording.up) == (50, "cm", "z")
+    assert recording.layout is None
+    assert recording.confidence is not None
+    assert (recording.confidence == 0.5).all()
+
+
+def test_a_varying_number_of_people(tmp_path: Path) -> None:
+    frames: list[Any] = [[body, body] for body in BODY.tolist()]
+    frames[3], frames[5], frames[7] = [], None, [frames[7][0]]
+    recording = load(tmp_path, {"poses3d": frames})
+    assert recording.positions.shape == (40, 2, 15, 3)
+    assert np.isnan(recording.positions[3]).all()
+    assert np.isnan(recording.positions[5]).all()
+    assert np.isnan(recording.positions[7, 1]).all()
+    np.testing.assert_allclose(recording.positions[7, 0], BODY[7], atol=1e-6)
+
+
+def test_null_is_a_missing_number(tmp_path: Path) -> None:
+    frames = BODY.tolist()
+    frames[2][3] = [None, None, None]
+    assert np.isnan(load(tmp_path, frames).positions[2, 0, 3]).all()
+    assert np.isnan(load(tmp_path, "[[[NaN, 1, 2]], [[1, 1, 2]]]").positions[0, 0, 0, 0])
+
+
+def test_other_encodings(tmp_path: Path) -> None:
+    text = json.dumps(BODY.tolist())
+    for encoding in ("utf-8-sig", "utf-16"):
+        (tmp_path / "a.json").write_text(text, encoding=encoding)
+        assert read(tmp_path / "a.json").positions.shape == (40, 1, 15, 3)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "not JSON: .* line 1"),
+        ("hello", "not JSON"),
+        ("[" * 100_000, "nested too deeply|not JSON"),
+        ("9" * 10_000, "not JSON"),
+        ("3", "list of frames"),
+        ("[]", "list of frames"),
+        ("[[], []]", "joint positions must be"),
+        ("[[[1, 2, 3]], [[1, 2]]]", "numbers in lists of equal lengths"),
+        ("[[[1, 2, 3]], 5]", "numbers in lists of equal lengths"),
+        ('[["a", "b", "c"]]', "numbers in lists of equal lengths"),
+        ("[[[1e999, 2, " + "9" * 400 + "]]]", "numbers in lists of equal lengths"),
+        ('{"a": 1}', "holds 'a'; a clip needs poses3d or joints"),
+        ('[{"a": 1}]', "a frame holds 'a'"),
+        ('{"joints": {"a": 1}}', "list of frames"),
+        ('{"joints": [[1, 2, 3]], "joint_names": {"a": 1}}', "joint_names must be"),
+        ('{"joints": [[1, 2, 3]], "joint_names": [["a"]]}', "joint_names must be"),
+        ('{"joints": [[1, 2, 3]], "fps": "fast"}', "fps must be"),
+        ('{"joints": [[1, 2, 3]], "confidence": "high"}', "confidence must be"),
+        ('{"joints": [[1, 2, 3]], "unit": "' + "m" * 300 + '"}', "unit has more"),
+    ],
+)
+def test_what_is_no_clip(tmp_path: Path, content: str, message: str) -> None:
+    with pytest.raises(ClipError, match=rf"(?s)a\.json.*({message})"):
+        load(tmp_path, content)
+
+
+def test_wrong_encoding(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_bytes(b'{"caf\xe9": 1}')
+    with pytest.raises(ClipError, match="UTF-8"):
+        read(tmp_path / "a.json")
+
+
+def test_more_than_python_could_hold(tmp_path: Path) -> None:
+    with pytest.raises(ClipError, match=r"save it as \.npz"):
+        load(tmp_path, "[" + "[]," * 2_000_001 + "[]]")

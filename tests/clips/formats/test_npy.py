@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli.clips.formats.npy import read
+from actioncli.errors import ClipError
+
+from ..bodies import waving
+
+
+def header(text: str) -> bytes:
+    content = text.encode("latin-1") + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(content).to_bytes(2, "little") + content
+
+
+@pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", "<f2", "<i2", ">i4", "<i8", "u1"])
+def test_numbers_of_all_kinds(tmp_path: Path, dtype: str) -> None:
+    body = (20 * waving()).astype(dtype)
+    np.save(tmp_path / "a.npy", body)
+    recording = read(tmp_path / "a.npy")
+    np.testing.assert_array_equal(recording.positions[:, 0], body.astype(np.float32))
+    assert recording.positions.dtype == np.float32
+
+
+def test_fortran_order(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.asfortranarray(waving()))
+    np.testing.assert_array_equal(
+        read(tmp_path / "a.npy").positions[:, 0], waving().astype(np.float32)
+    )
+
+
+@pytest.mark.parametrize("version", [(1, 0), (2, 0), (3, 0)])
+def test_all_versions(tmp_path: Path, version: tuple[int, int]) -> None:
+    with (tmp_path / "a.npy").open("wb") as stream:
+        np.lib.format.write_array(stream, waving(), version=version)
+    assert read(tmp_path / "a.npy").positions.shape == (40, 1, 15, 3)
+
+
+def test_shapes(tmp_path: Path) -> None:
+    body = waving().astype(np.float32)
+    for shape in [(40, 45), (40, 15, 3), (40, 1, 15, 3), (1, 40, 15, 3), (1, 40, 1, 15, 3)]:
+        np.save(tmp_path / "a.npy", body.reshape(shape))
+        np.testing.assert_array_equal(read(tmp_path / "a.npy").positions[:, 0], body)
+    for shape in [(40, 9, 5), (1800,), (40, 5, 3, 3, 1), (20, 30, 3, 1)]:
+        np.save(tmp_path / "a.npy", np.resize(body, shape))
+        with pytest.raises(ClipError, match=r"a\.npy: joint positions must be"):
+            read(tmp_path / "a.npy")
+    np.save(tmp_path / "a.npy", body[..., :2])
+    with pytest.raises(ClipError, match="2D"):
+        read(tmp_path / "a.npy")
+    np.save(tmp_path / "a.npy", np.zeros((40, 33, 4)))
+    with pytest.raises(ClipError, match="confidence"):
+        read(tmp_path / "a.npy")
+
+
+def test_objects_are_never_unpickled(tmp_path: Path) -> None:
+    ragged = np.empty(2, object)
+    ragged[:] = [np.zeros((1, 15, 3)), np.zeros((2, 15, 3))]
+    np.save(tmp_path / "a.npy", ragged, allow_pickle=True)
+    with pytest.raises(ClipError, match=r"holds Python objects.*numpy\.save"):
+        read(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"hello, this is a text", "not a NumPy array"),
+        (b"\x93NUMPY\x01", "not a NumPy array|damaged"),
+        (header("{'descr': '<f4', 'fortran_order': False, 'shape': (9999999999, 15, 3), }"), "MB"),
+        (header("{'descr': '<f4', 'fortran_order': False, 'shape': (-1, 15, 3), }"), "damaged"),
+        (header("{'descr': '<f4', 'fortran_order': False, 'shape': (0, 15, 3), }"), "empty array"),
+        (header("{'descr': '<f4', 'fortran_order': False, 'shape': (40, 15, 3), }"), "truncated"),
+        (header("{'descr': '<f4', 'fortran_order': __import__('os'), 'shape': (1,)}"), "damaged"),
+        (header("{'descr': [('x', '<f4')], 'fortran_order': False, 'shape': (4,), }"), "record"),
+        (header("{'descr': '<c8', 'fortran_order': False, 'shape': (4,), }"), "type '<c8'"),
+        (header("(" * 9000), "damaged"),
+        (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{", "damaged"),
+    ],
+)
+def test_damaged_headers(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "a.npy").write_bytes(content)
+    with pytest.raises(ClipError, match=rf"a\.npy: .*({message})"):
+        read(tmp_path / "a.npy")
+
+
+def test_text_and_complex_numbers_are_no_positions(tmp_path: Path) -> None:
+    for body in (waving().astype("U8"), waving() > 1):
+        np.save(tmp_path / "a.npy", body)
+        with pytest.raises(ClipError, match="must be numbers"):
+            read(tmp_path / "a.npy")

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from actioncli.clips.clip import Clip
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.errors import ClipError
+
+from .bodies import waving
+
+
+def test_a_clip_is_frozen() -> None:
+    joints = waving()
+    clip = Clip(joints, DEFAULT_JOINTS, 25, np.ones((40, 15)), "here", ["a note"])
+    joints[:] = 0
+    assert np.abs(clip.joints).max() > 1
+    with pytest.raises(ValueError, match="read-only"):
+        clip.joints[0] = 0
+    with pytest.raises(AttributeError):
+        clip.fps = 3  # type: ignore[misc]
+    assert (len(clip), clip.fps, clip.notes) == (40, 25, ("a note",))
+    assert clip.duration == pytest.approx(39 / 25)
+    assert repr(clip) == "Clip(40 frames, 15 joints, 25 fps, 'here')"
+
+
+def test_a_clip_survives_a_process() -> None:
+    clip = pickle.loads(pickle.dumps(Clip(waving(), DEFAULT_JOINTS)))  # noqa: S301 - our own
+    np.testing.assert_array_equal(clip.joints, waving().astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joints": np.zeros((4, 15))}, "must be"),
+        ({"joints": "text"}, "array of numbers"),
+        ({"joints": waving()[:1]}, "2 distinct frames"),
+        ({"joints": np.ones((5, 15, 3))}, "2 distinct frames"),
+        ({"joints": 1e6 * waving()}, "metres"),
+        ({"joints": np.where(waving() > 2.4, np.nan, waving())}, "NaN"),
+        ({"joint_names": DEFAULT_JOINTS[:3]}, "15 joints but 3"),
+        ({"joint_names": ["a"] * 15}, "twice: a"),
+        ({"fps": 0}, "fps"),
+        ({"fps": float("inf")}, "fps"),
+        ({"fps": "fast"}, "fps"),
+        ({"confidence": np.ones((40, 3))}, "confidence must be"),
+        ({"confidence": np.full((40, 15), np.nan)}, "confidence must lie"),
+    ],
+)
+def test_what_is_no_clip_is_refused(change: dict[str, object], message: str) -> None:
+    fields = {"joints": waving(), "joint_names": DEFAULT_JOINTS, "source": "here"} | change
+    with pytest.raises(ClipError, match=f"here: .*{message}"):
+        Clip(**fields)  # type: ignore[arg-type]

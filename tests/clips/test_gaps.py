@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from actioncli.clips.gaps import fill_gaps
+from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
+from actioncli.errors import ClipError
+
+from .bodies import CENTRE, waving
+
+WRIST = DEFAULT_JOINTS.index("rwri")
+
+
+def body(frames: int = 40) -> np.ndarray:
+    return waving(frames).astype(np.float32)
+
+
+@pytest.mark.parametrize("gap", [np.nan, 0.0, np.inf])
+def test_a_short_gap_becomes_a_straight_line(gap: float) -> None:
+    holed = body()
+    holed[10:13, WRIST] = gap
+    filled, names, _, notes = fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+    expected = np.linspace(holed[9, WRIST], holed[13, WRIST], 5)[1:-1]
+    np.testing.assert_allclose(filled[10:13, WRIST], expected, atol=1e-6)
+    np.testing.assert_array_equal(
+        np.delete(filled, range(10, 13), 0), np.delete(holed, range(10, 13), 0)
+    )
+    assert names == DEFAULT_JOINTS
+    assert notes == ("gaps filled: 0.5% of the joint positions, the longest over 3 frames",)
+
+
+def test_a_coordinate_of_zero_is_no_gap() -> None:
+    planar = body()
+    planar[:, :, 2] = 0
+    filled, *_, notes = fill_gaps(planar, DEFAULT_JOINTS, 30, "clip")
+    assert filled is planar
+    assert notes == ()
+
+
+def test_ends_are_held_and_empty_frames_dropped() -> None:
+    holed = body()
+    holed[:3, WRIST] = np.nan
+    holed[35:] = 0
+    filled, *_, notes = fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+    assert len(filled) == 35
+    np.testing.assert_array_equal(filled[:3, WRIST], np.repeat(holed[3:4, WRIST], 3, axis=0))
+    assert notes[0] == "5 empty frames at the ends dropped"
+
+
+def test_confidence_is_zero_where_a_gap_was_filled() -> None:
+    holed = body()
+    holed[5, WRIST] = np.nan
+    _, _, confidence, _ = fill_gaps(
+        holed, DEFAULT_JOINTS, 30, "clip", np.full((40, 15), 0.5, np.float32)
+    )
+    assert confidence is not None
+    assert confidence[5, WRIST] == 0
+    assert (np.delete(confidence, 5, 0) == 0.5).all()
+
+
+def test_mostly_gap_is_refused_with_figures() -> None:
+    holed = body()
+    holed[np.arange(40) % 5 > 1] = np.nan
+    with pytest.raises(ClipError, match=r"clip: mostly gap: 60% .* 40 frames"):
+        fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+    with pytest.raises(ClipError, match="100%"):
+        fill_gaps(np.zeros_like(holed), DEFAULT_JOINTS, 30, "clip")
+
+
+def test_a_joint_that_is_mostly_missing_is_named() -> None:
+    holed = body()
+    holed[:30, WRIST] = 0
+    with pytest.raises(ClipError, match="rwri in 75%"):
+        fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+
+
+def test_a_joint_that_no_model_needs_is_dropped() -> None:
+    names = LAYOUTS["smpl_24"]
+    holed = waving(joints=names).astype(np.float32)
+    holed[:, names.index("ltoe")] = np.nan
+    filled, kept, _, notes = fill_gaps(holed, names, 30, "clip")
+    assert set(names) - set(kept) == {"ltoe"}
+    assert filled.shape == (40, 23, 3)
+    assert notes == ("joints mostly missing, dropped: ltoe",)
+
+
+def test_the_pelvis_of_a_centred_clip_stays() -> None:
+    centred = body() - CENTRE.astype(np.float32)
+    centred -= centred[:, :1]
+    filled, names, _, notes = fill_gaps(centred, DEFAULT_JOINTS, 30, "clip")
+    np.testing.assert_array_equal(filled, centred)
+    assert (names, notes) == (DEFAULT_JOINTS, ())
+
+
+def test_a_long_absence_is_refused() -> None:
+    holed = body(120)
+    holed[40:72] = np.nan
+    with pytest.raises(ClipError, match=r"out of sight for 32 frames \(1.1 s\) after frame 40"):
+        fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+    fill_gaps(holed, DEFAULT_JOINTS, 60, "clip")
+
+
+def test_zeros_may_be_positions() -> None:
+    holed = body()
+    holed[3, WRIST] = 0
+    filled, *_ = fill_gaps(holed, DEFAULT_JOINTS, 30, "clip", zeros_are_gaps=False)
+    assert (filled[3, WRIST] == 0).all()
+
+
+@given(
+    arrays(np.float32, (6, 15, 3), elements=st.floats(width=32, allow_infinity=True)),
+    st.lists(st.tuples(st.integers(0, 5), st.integers(0, 14)), max_size=40),
+)
+def test_what_comes_out_is_finite(positions: np.ndarray, holes: list[tuple[int, int]]) -> None:
+    for frame, joint in holes:
+        positions[frame, joint] = 0
+    try:
+        filled, names, _, _ = fill_gaps(positions, DEFAULT_JOINTS, 30, "clip")
+    except ClipError:
+        return
+    assert np.isfinite(filled).all()
+    assert filled.shape[1:] == (len(names), 3)

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from actioncli.clips.persons import most_active
+from actioncli.clips.recording import Recording
+from actioncli.errors import ClipError
+
+from .bodies import waving
+
+
+def people(*bodies: np.ndarray) -> Recording:
+    return Recording(np.stack(bodies, axis=1).astype(np.float32))
+
+
+def standing(frames: int = 40) -> np.ndarray:
+    return np.repeat(waving(frames)[:1], frames, axis=0) + np.array([1.5, 0, 0])
+
+
+def test_one_person_is_no_choice() -> None:
+    recording = people(waving())
+    assert most_active(recording, "clip") is recording
+
+
+def test_the_one_who_moves_is_taken_and_told() -> None:
+    chosen = most_active(people(standing(), waving()), "clip")
+    np.testing.assert_array_equal(chosen.positions[:, 0], waving().astype(np.float32))
+    assert len(chosen.notes) == 1
+    assert chosen.notes[0].startswith("2 people in the file: took person 2, who moves most")
+
+
+def test_names_of_people_are_used() -> None:
+    recording = Recording(people(standing(), waving()).positions, people=("body 7", "body 9"))
+    assert "took body 9" in most_active(recording, "clip").notes[0]
+
+
+def test_people_in_changing_columns_are_followed() -> None:
+    one, other = waving(), standing()
+    swapped = np.arange(40) % 3 == 0
+    columns = [np.where(swapped[:, None, None], a, b) for a, b in ((one, other), (other, one))]
+    chosen = most_active(people(*columns), "clip")
+    np.testing.assert_array_equal(chosen.positions[:, 0], one.astype(np.float32))
+
+
+@pytest.mark.parametrize("nobody", [np.nan, 0.0])
+def test_padding_is_nobody(nobody: float) -> None:
+    empty = np.full_like(waving(), nobody)
+    chosen = most_active(people(empty, waving(), empty), "clip")
+    np.testing.assert_array_equal(chosen.positions[:, 0], waving().astype(np.float32))
+    assert chosen.notes == ()
+    with pytest.raises(ClipError, match="clip: nobody is in it"):
+        most_active(people(empty, empty), "clip")
+
+
+def test_frames_before_and_after_the_person_are_cut() -> None:
+    body, empty = waving(), np.full_like(waving(), np.nan)
+    body[:5] = body[30:] = np.nan
+    chosen = most_active(people(empty, body), "clip")
+    np.testing.assert_array_equal(chosen.positions[:, 0], waving()[5:30].astype(np.float32))
+
+
+def test_one_frame_elsewhere_does_not_win() -> None:
+    ghost = np.full_like(waving(), np.nan)
+    ghost[4:6] = standing()[4:6] + np.array([2, 0, 0])
+    ghost[5] += 0.4
+    chosen = most_active(people(ghost, waving()), "clip")
+    np.testing.assert_array_equal(chosen.positions[:, 0], waving().astype(np.float32))
+
+
+def test_somebody_who_comes_later_takes_nobodys_place() -> None:
+    # Detectors fill columns from the left: whoever is found alone is in the first.
+    one, other = waving(), standing() + np.array([2, 0, 0])
+    first, second = one.copy(), other.copy()
+    first[:10], second[:10] = other[:10], np.nan
+    chosen = most_active(people(first, second), "clip")
+    np.testing.assert_array_equal(chosen.positions[:, 0], one[10:].astype(np.float32))
+
+
+def test_confidence_follows_the_person() -> None:
+    recording = people(standing(), waving())
+    confidence = np.stack([np.full((40, 15), 0.25), np.full((40, 15), 0.75)], axis=1)
+    chosen = most_active(
+        Recording(recording.positions, confidence=confidence.astype(np.float32)), "clip"
+    )
+    assert chosen.confidence is not None
+    assert (chosen.confidence == 0.75).all()
