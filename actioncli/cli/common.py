@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,7 +133,11 @@ def complete_label(ctx: typer.Context, incomplete: str) -> list[str]:
             labels = [action.label for action in store.actions()]
     except ActionCliError:
         return []
-    return [label for label in labels if label.startswith(incomplete) and label.isprintable()]
+    fitting = [label for label in labels if label.startswith(incomplete)]
+    if os.environ.get("_ACTIONCLI_COMPLETE") == "complete_bash":
+        # bash takes a word as it is given; the other shells' scripts quote it.
+        return [re.sub(r"([^\w@%+=:,./-])", r"\\\1", label) for label in fitting]
+    return fitting
 
 
 def complete_layout(incomplete: str) -> list[str]:

@@ -254,7 +254,8 @@ def _complete(line: str, shell: str = "bash") -> list[str]:
 def test_completion_knows_commands_labels_and_layouts(filled: SupportStore, tmp_path: Path) -> None:
     assert _complete("actioncli cl") == ["classify", "clear"]
     assert _complete("actioncli show s") == ["squat"]
-    assert _complete("actioncli remove ") == sorted(a.label for a in filled.actions())
+    labels = [action.label.replace(" ", r"\ ") for action in filled.actions()]
+    assert _complete("actioncli remove ") == labels
     assert _complete("actioncli rename b") == ["bow"]
     assert _complete("actioncli enroll w") == ["wave"]
     assert _complete("actioncli classify --layout smpl") == ["smpl_24", "smpl+head_30"]
@@ -285,4 +286,4 @@ def test_completion_works_in_a_shell(filled: SupportStore, tmp_path: Path) -> No
     done = subprocess.run(
         ["bash", "--norc", "-c", script], capture_output=True, text=True, check=True
     )
-    assert (done.stdout, done.stderr) == ("jumping jack\n", "")
+    assert (done.stdout, done.stderr) == ("jumping\\ jack\n", "")
