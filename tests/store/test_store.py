@@ -210,7 +210,8 @@ def test_damage_of_one_example_names_it_and_it_can_be_removed(store: SupportStor
 @pytest.mark.parametrize(
     "change",
     ["joint_names = '['", "joint_names = '{}'", "joint_names = '[3]'",
-     "label = CAST(label AS BLOB)", "source = CAST(source AS BLOB)", "fps = 'fast'", "frames = 'many'", "checksum = x'00'",
+     "label = CAST(label AS BLOB)", "source = CAST(source AS BLOB)", "fps = 'fast'",
+     "frames = 'many'", "checksum = x'00'",
      "joints = CAST(joints AS TEXT)", "added = CAST(x'ff' AS TEXT)", "label = CAST(x'ff' AS TEXT)"],
 )  # fmt: skip
 def test_columns_of_another_kind_are_damage(
