@@ -70,3 +70,38 @@ def test_clips_are_read_without_an_option(clip: str) -> None:
 def test_folder_reads_as_a_collection() -> None:
     collection = actioncli.read_collection(EXAMPLES)
     assert sorted(collection.labels) == sorted(action for action, *_ in make_examples.CLIPS)
+
+
+@pytest.fixture(scope="module")
+def recognizer() -> actioncli.Recognizer:
+    return actioncli.Recognizer()
+
+
+@pytest.mark.parametrize(
+    ("query", "label"),
+    [
+        ("wave_right/cleo", "wave_right"),
+        ("squat/cleo", "squat"),
+        ("jumping_jack/dev", "jumping_jack"),
+        ("bow/ben", None),
+        ("kick_right/cleo", None),
+    ],
+)
+def test_enrolled_actions_are_recognised_and_others_rejected(
+    recognizer: actioncli.Recognizer, query: str, label: str | None
+) -> None:
+    enrolled = ("wave_right", "squat", "jumping_jack")
+    support = {action: [actioncli.read_clip(EXAMPLES / action / "ada.npz")] for action in enrolled}
+    assert (
+        recognizer.classify(actioncli.read_clip(EXAMPLES / f"{query}.npz"), support).label == label
+    )
+
+
+def test_left_is_not_right(recognizer: actioncli.Recognizer) -> None:
+    clips = {
+        name: actioncli.read_clip(EXAMPLES / f"{name}.npz")
+        for name in ("wave_left/ada", "wave_right/ada", "wave_left/dev", "wave_right/cleo")
+    }
+    support = {side: [clips[f"wave_{side}/ada"]] for side in ("left", "right")}
+    assert recognizer.classify(clips["wave_left/dev"], support).label == "left"
+    assert recognizer.classify(clips["wave_right/cleo"], support).label == "right"
