@@ -8,8 +8,10 @@ for all of them: the midpoint of the hips and the midpoint of the shoulders.
 from __future__ import annotations
 
 import re
+import string
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from itertools import takewhile
 from types import MappingProxyType
 
 import numpy as np
@@ -91,6 +93,16 @@ def _key(name: str) -> str:
     return _RIG_PREFIX.sub("", folded)
 
 
+def _without_shared_prefix(names: Sequence[str]) -> list[str]:
+    """Drop what all joints begin with (`Model_Hips`, `Model_Head`), up to its last separator."""
+    if len(names) < 2:
+        return list(names)
+    pairs = zip(min(names), max(names), strict=False)
+    alike = "".join(one for one, _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+    length = len(alike.rstrip(string.ascii_letters + string.digits))
+    return [name[length:] for name in names]
+
+
 def _find(columns: Mapping[str, int], spellings: Iterable[str]) -> tuple[int, ...] | None:
     for spelling in spellings:
         words = spelling.split()
@@ -101,7 +113,8 @@ def _find(columns: Mapping[str, int], spellings: Iterable[str]) -> tuple[int, ..
 
 @lru_cache(maxsize=256)
 def _default_columns(names: tuple[str, ...]) -> Mapping[str, tuple[int, ...]]:
-    columns = {_key(name): column for column, name in reversed(list(enumerate(names)))}
+    bare = _without_shared_prefix(names)
+    columns = {_key(name): column for column, name in reversed(list(enumerate(bare)))}
     found: dict[str, tuple[int, ...]] = {}
     for joint, spellings in _SIDED.items():
         for side, words in _SIDES.items():

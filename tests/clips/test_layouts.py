@@ -29,7 +29,9 @@ def test_every_layout_gives_the_default_joints(layout: str) -> None:
         assert set(columns[left]).isdisjoint(columns[right])
 
 
-@pytest.mark.parametrize("prefix", ["mixamorig:", "mixamorig1:", "mixamorig_", "", "Bip01 "])
+@pytest.mark.parametrize(
+    "prefix", ["mixamorig:", "mixamorig1:", "mixamorig_", "", "Bip01 ", "Model_"]
+)
 def test_rigs_name_joints_by_their_bones(prefix: str) -> None:
     names = [prefix + name for name in MIXAMO]
     found = chosen(names)
