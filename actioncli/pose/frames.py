@@ -62,7 +62,12 @@ class VideoFile:
             raise ClipError(f"{path}: cannot read the video: {error.strerror}.") from error
         if empty:
             raise ClipError(f"{path}: the file is empty.")
-        self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        level = cv2.utils.logging.getLogLevel()
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        finally:
+            cv2.utils.logging.setLogLevel(level)
         if not self._capture.isOpened():
             raise ClipError(
                 f"{path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF can, "

@@ -36,7 +36,7 @@ class Network:
             threads: at most this many; None: one for each core this process may use.
 
         Raises:
-            WeightsError: the file is missing, damaged, or cannot be loaded.
+            WeightsError: the file is missing or damaged.
         """
         path = weights_file(name)
         try:
@@ -55,12 +55,9 @@ class Network:
         options.inter_op_num_threads = 1
         # Decoding runs beside the networks: waiting threads must not burn its processor time.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        try:
-            self._session = onnxruntime.InferenceSession(
-                data, options, providers=["CPUExecutionProvider"]
-            )
-        except RuntimeError as error:
-            raise WeightsError(f"{path}: ONNX Runtime cannot load it: {error}") from error
+        self._session = onnxruntime.InferenceSession(
+            data, options, providers=["CPUExecutionProvider"]
+        )
         self._outputs = [output.name for output in self._session.get_outputs()]
 
     def __call__(self, image: FloatArray) -> dict[str, FloatArray]:

@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from actioncli.clips.clip import Clip
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.pose.active import active_part
+
+
+def clip_of(moving: np.ndarray, fps: float = 20.0, seen: np.ndarray | None = None) -> Clip:
+    """Someone whose wrists circle where `moving` (T,) is set."""
+    rng = np.random.default_rng(0)
+    body = {name: np.zeros(3) for name in DEFAULT_JOINTS}
+    for name, side in (("l", -0.2), ("r", 0.2)):
+        for n, joint in enumerate(("ank", "kne", "hip", "elb", "wri", "sho")):
+            body[name + joint] = np.array([side, n * 0.3, 0])
+    body["head"] = np.array([0, 2.0, 0])
+    joints = np.stack([body[name] for name in DEFAULT_JOINTS])
+    frames = np.tile(joints, (len(moving), 1, 1)) + rng.normal(0, 0.002, (len(moving), 15, 3))
+    angle = np.cumsum(moving) * 0.4
+    for name in ("lwri", "rwri", "lelb", "relb"):
+        at = DEFAULT_JOINTS.index(name)
+        frames[:, at, 0] += 0.5 * np.cos(angle)
+        frames[:, at, 1] += 0.5 * np.sin(angle)
+    confidence = None if seen is None else np.repeat(seen[:, None], 15, axis=1)
+    return Clip(frames, DEFAULT_JOINTS, fps, confidence)
+
+
+def pattern(*parts: tuple[float, int]) -> np.ndarray:
+    """(T,) at 20 frames a second from (seconds, moving) parts."""
+    return np.concatenate([np.full(int(seconds * 20), on) for seconds, on in parts])
+
+
+def test_rest_before_and_after_is_left_out() -> None:
+    start, end = active_part(clip_of(pattern((2, 0), (3, 1), (2, 0))))
+    assert start == pytest.approx(2, abs=0.35)
+    assert end == pytest.approx(5, abs=0.35)
+
+
+def test_motion_throughout_and_none_at_all_are_whole() -> None:
+    for moving in (1, 0):
+        clip = clip_of(pattern((4, moving)))
+        assert active_part(clip) == (0, clip.duration)
+
+
+def test_short_rest_inside_belongs() -> None:
+    start, end = active_part(clip_of(pattern((1, 0), (2, 1), (1, 0), (2, 1), (1, 0))))
+    assert start < 1.1
+    assert end > 5.9
+
+
+def test_the_longer_of_two_performances() -> None:
+    start, end = active_part(clip_of(pattern((1, 1), (4, 0), (3, 1), (1, 0))))
+    assert start == pytest.approx(5, abs=0.35)
+    assert end == pytest.approx(8, abs=0.35)
+
+
+def test_nothing_goes_across_a_loss() -> None:
+    moving = pattern((3, 1), (1, 0), (4, 1))
+    seen = np.ones(len(moving))
+    seen[60:80] = 0
+    start, end = active_part(clip_of(moving, seen=seen))
+    assert start >= 4
+    assert end == pytest.approx(8, abs=0.1)

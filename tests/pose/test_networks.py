@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli.errors import WeightsError
+from actioncli.pose import networks
+from actioncli.weights_path import weights_folder
+
+
+@pytest.fixture
+def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder of weights that may be damaged, with the detector in it."""
+    for name in (networks.DETECTOR, networks.CHECKSUMS):
+        shutil.copy(weights_folder() / name, tmp_path / name)
+    monkeypatch.setattr(networks, "weights_file", lambda name: tmp_path / name)
+    networks.shipped_checksum.cache_clear()
+    yield tmp_path
+    networks.shipped_checksum.cache_clear()
+
+
+def test_every_listed_file_is_as_listed() -> None:
+    lines = (weights_folder() / networks.CHECKSUMS).read_text().splitlines()
+    names = [line.split("  ")[1] for line in lines]
+    assert {networks.DETECTOR, *networks.LANDMARKS.values()} <= set(names)
+    for line in lines:
+        digest, name = line.split("  ")
+        content = (weights_folder() / name).read_bytes()
+        assert hashlib.sha256(content).hexdigest() == digest, name
+
+
+def test_runs(copied: Path) -> None:
+    network = networks.Network(networks.DETECTOR, threads=1)
+    output = network(np.zeros((224, 224, 3), np.float32))
+    assert {name: array.shape for name, array in output.items()} == {
+        "boxes": (1, 2254, 12),
+        "scores": (1, 2254, 1),
+    }
+    assert network.checksum == networks.shipped_checksum(networks.DETECTOR)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda folder: (folder / networks.DETECTOR).unlink(), "cannot read the pose network"),
+        (lambda folder: (folder / networks.DETECTOR).write_bytes(b"x"), "differs from"),
+        (lambda folder: (folder / networks.CHECKSUMS).unlink(), "cannot read the checksums"),
+        (lambda folder: (folder / networks.CHECKSUMS).write_text(""), "does not list"),
+    ],
+)
+def test_damage_is_told(copied: Path, damage: Callable[[Path], object], message: str) -> None:
+    damage(copied)
+    with pytest.raises(WeightsError, match=message) as told:
+        networks.Network(networks.DETECTOR)
+    assert "Reinstall" in str(told.value)

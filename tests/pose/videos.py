@@ -1,0 +1,83 @@
+"""Videos for the tests: drawn ones, and frames of real clips."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from actioncli.pose.region import Image
+
+
+def real_frames(path: Path, count: int, every: int = 1) -> list[Image]:
+    """The first frames of a video."""
+    capture = cv2.VideoCapture(str(path))
+    images = []
+    for n in range(count * every):
+        assert capture.grab()
+        if n % every == 0:
+            images.append(np.asarray(capture.retrieve()[1], np.uint8))
+    return images
+
+
+def numbered(count: int, width: int = 96, height: int = 64) -> list[Image]:
+    """Frames whose lower half shows their number as six black or white bars; white above."""
+    images = []
+    for n in range(count):
+        bars = [255 if n >> bit & 1 else 0 for bit in range(6)]
+        image = np.full((height, width, 3), 255, np.uint8)
+        image[height // 2 :] = np.repeat(np.array(bars, np.uint8), width // 6)[:, np.newaxis]
+        images.append(image)
+    return images
+
+
+def number(image: Image) -> int:
+    """Which of the `numbered` frames it is."""
+    height, width = image.shape[:2]
+    bars = image[3 * height // 4, width // 12 :: width // 6, 0] > 127
+    return int(bars @ (1 << np.arange(6)))
+
+
+def write_video(
+    path: Path, images: Iterable[Image], fps: float = 25.0, fourcc: str = "mp4v"
+) -> Path:
+    writer = None
+    for image in images:
+        if writer is None:
+            size = image.shape[1], image.shape[0]
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*fourcc), fps, size)
+            assert writer.isOpened()
+        writer.write(image)
+    assert writer is not None
+    writer.release()
+    return path
+
+
+def rotate_in_header(path: Path) -> None:
+    """Make an MP4 one that a phone took upright: the header says a quarter turn clockwise."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"tkhd") + 4 + 40  # version 0: the matrix follows 40 bytes of fields
+    one = 1 << 16
+    data[at : at + 36] = struct.pack(">9i", 0, one, 0, -one, 0, 0, 0, 0, 1 << 30)
+    path.write_bytes(data)
+
+
+def slow_down_second_half(path: Path, times: int) -> None:
+    """Give an MP4 a variable frame rate: the second half's frames last `times` as long."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"stts") - 4
+    size, _, _, entries, count, delta = struct.unpack(">I4sIIII", data[at : at + 24])
+    assert (size, entries) == (24, 1), "the writer made a table of another form"
+    half = count // 2
+    table = struct.pack(">IIIII", 2, half, delta, count - half, delta * times)
+    data[at : at + 24] = struct.pack(">I4sI", 32, b"stts", 0) + table
+    for box in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
+        start = data.index(box) - 4
+        grown = struct.unpack(">I", data[start : start + 4])[0] + 8
+        data[start : start + 4] = struct.pack(">I", grown)
+    data[(edits := data.index(b"edts")) : edits + 4] = b"free"  # it would cut to the old length
+    assert data.index(b"mdat") < at, "frames must lie before the header, so that they stay put"
+    path.write_bytes(data)
