@@ -60,12 +60,13 @@ class Decision:
 
     Attributes:
         label: the recognised action, or None where the clip is rejected.
-        accepted: confidence > tau.
+        accepted: confidence > tau, and no negative is nearer than the nearest action.
         confidence: that the clip shows the nearest action, in [0, 1].
         tau: the threshold that was used.
         nearest: the nearest enrolled action, accepted or not.
         ranking: all enrolled actions, nearest first.
-        notes: what reading the clip decided on the way.
+        notes: what reading the clip decided on the way, and whether a negative is nearest.
+        nearest_negative: distance to the nearest negative; None where there are none.
     """
 
     label: str | None
@@ -75,6 +76,14 @@ class Decision:
     nearest: str
     ranking: tuple[Ranked, ...]
     notes: tuple[str, ...] = ()
+    nearest_negative: float | None = None
+
+    @property
+    def shadowed(self) -> bool:
+        """Whether a negative is nearer than the nearest action, which rejects at any tau."""
+        return (
+            self.nearest_negative is not None and self.nearest_negative < self.ranking[0].distance
+        )
 
 
 class Recognizer:
@@ -89,6 +98,11 @@ class Recognizer:
             WeightsError: the weights cannot be read.
         """
         self.weights = weights if isinstance(weights, Weights) else read_weights(weights)
+
+    @property
+    def cohort(self) -> FloatArray:
+        """Other people's motions that came with the weights: embeddings (C, F, E), C may be 0."""
+        return self.embed([])
 
     def embed(self, clips: Sequence[Clip]) -> FloatArray:
         """What comparison needs of each clip.
@@ -150,6 +164,7 @@ class Recognizer:
         clip: Clip | FloatArray,
         support: Mapping[str, Sequence[Clip] | FloatArray],
         tau: float = DEFAULT_TAU,
+        negatives: Sequence[Clip] | FloatArray | None = None,
     ) -> Decision:
         """Find the nearest enrolled action and accept or reject it.
 
@@ -157,12 +172,15 @@ class Recognizer:
             clip: the query, or its embedding (F, E).
             support: as in `compare`.
             tau: accept where the confidence is above it.
+            negatives: what must never be accepted, N clips or embeddings (N, F, E), each an
+                action of its own: a query that is nearer to one of them than to every enrolled
+                action is rejected, whatever its confidence.
 
         Raises:
             SupportError: no action, or an action without examples.
         """
-        queries = [clip] if isinstance(clip, Clip) else clip[None]
-        comparison = self.compare(queries, support)
+        query = self._embedded([clip]) if isinstance(clip, Clip) else clip[None]
+        comparison = self.compare(query, support)
         order = np.argsort(comparison.distance[0], kind="stable")
         ranking = tuple(
             Ranked(
@@ -174,7 +192,19 @@ class Recognizer:
             for k in order
         )
         nearest = ranking[0]
-        accepted = nearest.confidence > tau
+        notes = clip.notes if isinstance(clip, Clip) else ()
+        negative = None
+        if negatives is not None and len(negatives):
+            each = self._embedded(negatives)
+            apart = self.compare(query, {str(n): each[n : n + 1] for n in range(len(each))})
+            negative = float(apart.distance.min())
+        shadowed = negative is not None and negative < nearest.distance
+        if shadowed:
+            notes += (
+                f"nearer to a negative (distance {negative:.2f}) than to {nearest.label!r} "
+                f"({nearest.distance:.2f})",
+            )
+        accepted = nearest.confidence > tau and not shadowed
         return Decision(
             label=nearest.label if accepted else None,
             accepted=accepted,
@@ -182,7 +212,8 @@ class Recognizer:
             tau=tau,
             nearest=nearest.label,
             ranking=ranking,
-            notes=clip.notes if isinstance(clip, Clip) else (),
+            notes=notes,
+            nearest_negative=negative,
         )
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
