@@ -63,7 +63,8 @@ _BONES: Mapping[tuple[str, str], float] = MappingProxyType(
 _SIZES = (0.3, 2.5)
 
 # The share of frames that settles the up axis, and the cosine between it and the line from
-# ankles to head. 98 % of 9,000 recorded clips pass; those that do not, sit, lie or crawl.
+# ankles to head. Of 7,773 recorded clips with y up, 99.6 % are told so, one wrongly (a swimmer);
+# the others, who sit, lie or crawl, are asked about. With z up, it is 95 %.
 _MOST_FRAMES = 0.6
 _USUAL_UPS = ("y", "-y", "z")
 _UPRIGHT = 0.7
@@ -222,11 +223,15 @@ def _upright_shares(positions: FloatArray, names: tuple[str, ...]) -> dict[str, 
 
 def _may_lie(positions: FloatArray, metres: float) -> bool:
     """Whether a body that extends along z could be lying before a sensor or on a floor at y 0."""
-    low, middle = (
-        np.median(part, axis=0) * metres for part in (positions.min(axis=1), positions.mean(axis=1))
+    low, middle, high = (
+        np.median(reduce(positions, axis=1), axis=0) * metres
+        for reduce in (np.min, np.mean, np.max)
     )
     before_a_sensor = abs(low[2]) > 1.5
-    on_a_floor = abs(low[1]) < 0.1 and middle[1] > 0.08
+    # The middle of who lies or crawls is at most at knee height; one way up or the other.
+    on_a_floor = (abs(low[1]) < 0.35 and 0.08 < middle[1] < 0.7) or (
+        abs(high[1]) < 0.35 and 0.08 < -middle[1] < 0.7
+    )
     return bool(before_a_sensor or on_a_floor)
 
 

@@ -108,6 +108,9 @@ def _matching(pattern: Path, suffixes: Sequence[str]) -> Iterable[Path]:
     try:
         matches = Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor)))
         for match in matches:
+            # As in a shell, `*` does not stand for a dot at the beginning.
+            if match.name.startswith(".") and not pattern.name.startswith("."):
+                continue
             yield from _clips_below(match, suffixes) if match.is_dir() else [match]
     # Not a pattern after all (`a**b`): a file of that name, which does not exist.
     except ValueError:

@@ -57,6 +57,12 @@ def read(file: Path) -> Recording:
     numbers = list(dict.fromkeys(number for _, number in owners))
     if not numbers:
         raise ClipError(f"{file}: nobody is in it ({frames} frames without a body).")
+    # Before somebody comes and after all have left there is nothing to see, nor a gap to fill.
+    first, last = owners[0][0], owners[-1][0]
+    if last - first + 1 < frames:
+        notes += (f"{frames - (last - first + 1)} frames without a body at the ends dropped",)
+        owners = [(frame - first, number) for frame, number in owners]
+        frames = last - first + 1
     if len(numbers) > _MOST_NUMBERS or frames * len(numbers) * _JOINTS * 3 > LARGEST_CLIP:
         raise ClipError(
             f"{file}: {len(numbers)} bodies over {frames} frames are more than a clip may have."

@@ -42,6 +42,13 @@ def test_a_new_number_for_the_same_person(tmp_path: Path) -> None:
     assert "bodies 5 and 8 taken as one person" in clip.notes
 
 
+def test_frames_before_and_after_the_body_are_dropped(tmp_path: Path) -> None:
+    frames = [[("5", body)] if 28 <= at < 38 else [] for at, body in enumerate(BODY)]
+    clip = read_clip(write_ntu(tmp_path / "a.skeleton", frames))
+    assert clip.notes == ("30 frames without a body at the ends dropped",)
+    np.testing.assert_allclose(clip.joints, BODY[28:38], atol=1e-5)
+
+
 def test_a_lost_joint_is_a_gap(tmp_path: Path) -> None:
     file = write_ntu(tmp_path / "a.skeleton", [[("5", body)] for body in BODY])
     lines = file.read_text().splitlines()
