@@ -142,9 +142,10 @@ def _recognition(weights: Path | None) -> Iterator[Check]:
     try:
         recognizer = Recognizer(weights)
         loaded = recognizer.weights
-        made = ", ".join(
-            f"{key} {loaded.metadata[key]}" for key in ("recipe", "seed") if key in loaded.metadata
-        )
+        recipe = loaded.metadata.get("recipe")
+        # The whole recipe is a page of settings.
+        told = {**loaded.metadata, "recipe": recipe.get("name")} if isinstance(recipe, dict) else {}
+        made = ", ".join(f"{key} {told[key]}" for key in ("recipe", "seed") if key in told)
         yield Check(
             "weights", "ok", f"{loaded.path} ({made or 'no recipe'}, {loaded.checksum[:12]})"
         )
