@@ -261,8 +261,9 @@ def test_reading_an_array_imports_no_other_reader(tmp_path: Path) -> None:
     assert "actioncli.clips.formats.npz" not in loaded
 
 
-@pytest.mark.parametrize(("unit", "scale"), [("m", 1), ("cm", 100), ("mm", 1000)])
-@pytest.mark.parametrize("up", ["y", "-y", "z"])
+@pytest.mark.parametrize(
+    ("up", "unit", "scale"), [("y", "m", 1), ("-y", "mm", 1000), ("z", "cm", 100)]
+)
 def test_inference_is_never_wrong_on_recordings(
     shared: Path, tmp_path: Path, up: str, unit: str, scale: float
 ) -> None:
