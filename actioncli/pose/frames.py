@@ -32,6 +32,18 @@ class Frame:
     image: Image
 
 
+def opened(source: str | int, backend: int) -> cv2.VideoCapture:
+    """Open a file, an address or a camera; what the libraries would print is kept quiet."""
+    # FFmpeg and OpenCV write their complaints past Python; what matters is told by our errors.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.VideoCapture(source, backend)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
 class VideoFile:
     """A video to read once, from the beginning.
 
@@ -52,8 +64,6 @@ class VideoFile:
         Raises:
             ClipError: no such file, not readable, or not a video.
         """
-        # FFmpeg writes its complaints past Python; what matters is told by the errors here.
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
         self.path = path
         try:
             with path.open("rb") as file:
@@ -62,12 +72,7 @@ class VideoFile:
             raise ClipError(f"{path}: cannot read the video: {error.strerror}.") from error
         if empty:
             raise ClipError(f"{path}: the file is empty.")
-        level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        finally:
-            cv2.utils.logging.setLogLevel(level)
+        self._capture = opened(str(path), cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
             raise ClipError(
                 f"{path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF can, "

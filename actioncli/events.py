@@ -1,0 +1,156 @@
+"""Performed actions in a stream of poses: sliding windows, and hysteresis over their scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.errors import ClipError
+from actioncli.recognizer import Recognizer
+
+# Seconds between looks at the stream.
+STRIDE = 0.25
+# Windows are this much shorter and longer than the enrolled examples, so that fast and slow
+# performances match; each is at most so many times as long as the one before.
+_FASTER, _SLOWER, _GROWTH = 0.7, 1.4, 1.45
+_SHORTEST, _LONGEST = 0.8, 8.0
+# An event begins after so many looks above tau in a row, and ends after so many below what holds.
+_LOOKS_TO_BEGIN, _LOOKS_TO_END = 2, 3
+# A confidence above this share of tau keeps an event going.
+_HOLDS = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One performed action: its label, when (seconds), and the highest confidence reached."""
+
+    label: str
+    start: float
+    end: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """What one look says about one action: the best window's confidence, and its beginning."""
+
+    label: str
+    confidence: float
+    start: float
+
+
+def window_lengths(durations: Iterable[float]) -> tuple[float, ...]:
+    """Lengths of the sliding windows, seconds, for examples of these durations."""
+    known = [float(np.clip(seconds, _SHORTEST, _LONGEST)) for seconds in durations]
+    low, high = max(_FASTER * min(known), _SHORTEST), min(_SLOWER * max(known), _LONGEST)
+    count = max(1, int(np.ceil(np.log(high / low) / np.log(_GROWTH))))
+    return tuple(np.geomspace(low, high, count + 1).tolist())
+
+
+class Spotter:
+    """Finds events in a stream.
+
+    Attributes:
+        windows: lengths of the windows, seconds.
+        ranking: what the last look said, surest first.
+    """
+
+    def __init__(
+        self,
+        recognizer: Recognizer,
+        support: Mapping[str, FloatArray],
+        tau: float,
+        durations: Iterable[float],
+    ) -> None:
+        """Prepare.
+
+        Args:
+            support: embeddings (n, F, E) of each enrolled action.
+            tau: accept above it.
+            durations: of the enrolled examples, seconds.
+        """
+        self._recognizer, self._support, self._tau = recognizer, support, tau
+        self.windows = window_lengths(durations)
+        self.ranking: tuple[Sighting, ...] = ()
+        self._event: Event | None = None
+        self._rising: list[Sighting] = []
+        self._quiet = 0
+        self._last_end = -np.inf
+
+    @property
+    def current(self) -> Event | None:
+        """The event that is going on."""
+        return self._event
+
+    def look(self, clip: Clip | None, now: float) -> list[Event]:
+        """Look at the stream as it is now.
+
+        Args:
+            clip: the last seconds, ending at `now`; None while nobody is seen.
+
+        Returns:
+            Events that are over.
+        """
+        self.ranking = self._sightings(clip, now) if clip is not None else ()
+        best = self.ranking[0] if self.ranking else None
+        done: list[Event] = []
+        if best is not None and best.confidence > self._tau:
+            same = self._rising and self._rising[-1].label == best.label
+            self._rising = [*self._rising, best] if same else [best]
+        else:
+            self._rising = []
+        if self._event is not None:
+            done += self._carry_on(self._event, now)
+        if self._event is None and len(self._rising) >= _LOOKS_TO_BEGIN:
+            start = max(min(seen.start for seen in self._rising), self._last_end)
+            sure = max(seen.confidence for seen in self._rising)
+            self._event, self._quiet = Event(self._rising[-1].label, start, now, sure), 0
+        return done
+
+    def finish(self) -> list[Event]:
+        """The event that the end of the stream cuts off, if there is one."""
+        return self._close() if self._event is not None else []
+
+    def _carry_on(self, event: Event, now: float) -> list[Event]:
+        held = [seen for seen in self.ranking if seen.label == event.label]
+        challenged = len(self._rising) >= _LOOKS_TO_BEGIN and self._rising[-1].label != event.label
+        if held and held[0].confidence > _HOLDS * self._tau and not challenged:
+            sure = max(event.confidence, held[0].confidence)
+            self._event, self._quiet = replace(event, end=now, confidence=sure), 0
+            return []
+        self._quiet += 1
+        return self._close() if challenged or self._quiet >= _LOOKS_TO_END else []
+
+    def _close(self) -> list[Event]:
+        assert self._event is not None
+        event, self._event = self._event, None
+        self._last_end = event.end
+        return [event]
+
+    def _sightings(self, clip: Clip, now: float) -> tuple[Sighting, ...]:
+        """The best window of each action that is a window's nearest."""
+        parts = []
+        for seconds in self.windows:
+            frames = round(seconds * clip.fps) + 1
+            if frames > len(clip) or frames < 2:
+                continue
+            try:
+                part = Clip(clip.joints[-frames:], clip.joint_names, clip.fps)
+            except ClipError:  # no motion at all in this window
+                continue
+            parts.append((seconds, part))
+        if not parts:
+            return ()
+        comparison = self._recognizer.compare([part for _, part in parts], self._support)
+        best: dict[str, Sighting] = {}
+        for (seconds, _), distance, confidence in zip(
+            parts, comparison.distance, comparison.confidence, strict=True
+        ):
+            nearest = int(distance.argmin())
+            label, sure = str(comparison.labels[nearest]), float(confidence[nearest])
+            if label not in best or sure > best[label].confidence:
+                best[label] = Sighting(label, sure, now - seconds)
+        return tuple(sorted(best.values(), key=lambda seen: -seen.confidence))
