@@ -314,11 +314,18 @@ def recommend(trials: Trials, target_far: float, per_action: bool = False) -> Re
             f"{len(unknown)} clips that show none of the actions are few: the rate of false "
             f"accepts may be anything from {low:.2f} to {high:.2f}."
         )
-    low, high = trials.false_rejects(tau).interval
+    rejects = trials.false_rejects(tau)
+    low, high = rejects.interval
     if len(trials.known) and high - low > _VAGUE:
         notes.append(
             f"{len(trials.known)} examples that have others of their action are few: the rate "
             f"of false rejects may be anything from {low:.2f} to {high:.2f}."
+        )
+    if 2 * rejects.count > rejects.of:
+        notes.append(
+            f"This threshold rejects {rejects.count} of {rejects.of} of your own examples. What "
+            "is taken for an action without being one is better enrolled with `actioncli enroll "
+            "--negative CLIP...` than kept out by a threshold."
         )
     actions = {}
     for action, label in enumerate(trials.labels if per_action else ()):

@@ -32,9 +32,13 @@ class Threshold:
     weights: str
     actions: Mapping[str, float] = field(default_factory=dict)
 
+    def of(self, label: str) -> float:
+        """The threshold of an action."""
+        return self.actions.get(label, self.tau)
+
     def apply(self, decision: Decision) -> Decision:
         """The decision under the threshold of its nearest action."""
-        tau = self.actions.get(decision.nearest, self.tau)
+        tau = self.of(decision.nearest)
         accepted = decision.confidence > tau and not decision.shadowed
         label = decision.nearest if accepted else None
         return replace(decision, tau=tau, accepted=accepted, label=label)
@@ -77,7 +81,7 @@ def kept_threshold(store: SupportStore) -> Threshold | None:
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise StoreError(
             f"{store.path}: the calibrated threshold is damaged; `actioncli calibrate --reset` "
-            "forgets it, `actioncli calibrate` measures it anew."
+            "forgets it."
         ) from error
 
 

@@ -29,6 +29,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
     {
         "enroll": "actioncli.cli.enroll:enroll",
         "classify": "actioncli.cli.classify:classify",
+        "calibrate": "actioncli.cli.calibrate:calibrate",
         "list-support": "actioncli.cli.support:list_support",
         "show": "actioncli.cli.support:show",
         "remove": "actioncli.cli.support:remove",

@@ -21,14 +21,15 @@ from actioncli.cli.common import (
     command,
     each_clip,
     report_bad_clip,
+    stored_negatives,
     tell_notes,
+    used_threshold,
 )
 from actioncli.cli.output import error_entry, number, printable, say, table, write_json
 from actioncli.errors import ClipError, SupportError
 
 if TYPE_CHECKING:
     from actioncli.recognizer import Decision
-    from actioncli.store.store import SupportStore
 
 
 @command
@@ -55,8 +56,9 @@ def classify(
 
     The nearest action is accepted if its confidence is above the threshold tau. Beside it stand
     the N nearest actions with their distance, their probability among all enrolled actions, and
-    the confidence that the clip shows them whatever else is enrolled. A clip that cannot be used
-    is reported, and the others are still classified.
+    the confidence that the clip shows them whatever else is enrolled. A clip that is nearer to a
+    negative (`enroll --negative`) than to every action is rejected, whatever its confidence. A
+    clip that cannot be used is reported, and the others are still classified.
 
     \b
     Examples:
@@ -67,7 +69,8 @@ def classify(
     \b
     JSON keys:
       tau, actions, clips, accepted, rejected, failed
-      clips[]: source, label, accepted, confidence, tau, nearest, ranking, ms, notes, error
+      clips[]: source, label, accepted, confidence, tau, nearest, nearest_negative, ranking
+      clips[]: ms, notes, error
       clips[].ranking[]: label, distance, probability, confidence
       clips[].error: type, message, exit_code
     """
@@ -79,8 +82,8 @@ def classify(
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
-        if tau is None:
-            tau = _stored_tau(store)
+        negatives = stored_negatives(store, recognizer)
+        threshold = used_threshold(settings, store, recognizer, tau)
     if not support:
         raise SupportError(
             "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
@@ -92,7 +95,8 @@ def classify(
     for path in each_clip(settings, clips, "Classifying", shown=not streams):
         start = time.perf_counter()
         try:
-            decision = recognizer.classify(reading.read(path), support, tau)
+            clip = reading.read(path)
+            decision = threshold.apply(recognizer.classify(clip, support, threshold.tau, negatives))
         except ClipError as unusable:
             failed += 1
             report_bad_clip(unusable)
@@ -110,7 +114,7 @@ def classify(
     if settings.json:
         write_json(
             {
-                "tau": number(tau),
+                "tau": number(threshold.tau),
                 "actions": len(support),
                 "clips": entries,
                 "accepted": len(entries) - rejected - failed,
@@ -124,13 +128,6 @@ def classify(
         raise typer.Exit(1)
 
 
-def _stored_tau(store: SupportStore) -> float:
-    from actioncli.recognizer import DEFAULT_TAU
-
-    calibrated = store.setting("tau")
-    return DEFAULT_TAU if calibrated is None else float(calibrated)
-
-
 def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> dict[str, object]:
     return {
         "source": source,
@@ -139,6 +136,9 @@ def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> di
         "confidence": number(decision.confidence),
         "tau": number(decision.tau),
         "nearest": decision.nearest,
+        "nearest_negative": (
+            None if decision.nearest_negative is None else number(decision.nearest_negative)
+        ),
         "ranking": [
             {
                 "label": ranked.label,
@@ -154,12 +154,13 @@ def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> di
 
 
 def _print(source: str, decision: Decision, top: int, milliseconds: float) -> None:
-    sign = ">" if decision.accepted else "<="
+    sign = ">" if decision.confidence > decision.tau else "<="
+    but = ", but a negative is nearer" if decision.shadowed else ""
     say(
         f"{printable(source)}: "
         f"{'rejected' if decision.label is None else printable(decision.label)}"
         f"  (nearest {printable(decision.nearest)}, confidence {decision.confidence:.2f} "
-        f"{sign} tau {decision.tau:.2f}, {milliseconds:.0f} ms)"
+        f"{sign} tau {decision.tau:.2f}{but}, {milliseconds:.0f} ms)"
     )
     if top:
         rows = [

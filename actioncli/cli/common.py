@@ -17,8 +17,10 @@ from actioncli.cli.output import note, printable, progress
 from actioncli.errors import ActionCliError, ClipError, UsageError
 
 if TYPE_CHECKING:
-    from actioncli.clips.clip import Clip
+    from actioncli.clips.clip import Clip, FloatArray
+    from actioncli.recognizer import Recognizer
     from actioncli.store.store import SupportStore
+    from actioncli.threshold import Threshold
 
 P = ParamSpec("P")
 
@@ -219,6 +221,39 @@ def tell_notes(settings: Settings, path: Path, notes: Sequence[str]) -> None:
     """Tell what reading a clip decided on the way."""
     for line in notes:
         settings.tell(f"note: {printable(path)}: {printable(line)}")
+
+
+def stored_negatives(store: SupportStore, recognizer: Recognizer) -> FloatArray:
+    """Embeddings (N, F, E) of the clips that must never be accepted."""
+    import numpy as np
+
+    kept = store.embeddings(recognizer.weights.checksum, recognizer.embed, negative=True)
+    return np.concatenate([recognizer.embed([]), *kept.values()])
+
+
+def used_threshold(
+    settings: Settings, store: SupportStore, recognizer: Recognizer, tau: float | None = None
+) -> Threshold:
+    """`tau` if given, else the calibrated one if it was measured with these weights, else 0.5.
+
+    Raises:
+        UsageError: `tau` is not within [0, 1].
+    """
+    from actioncli.recognizer import DEFAULT_TAU
+    from actioncli.threshold import Threshold, kept_threshold
+
+    checksum = recognizer.weights.checksum
+    if tau is not None:
+        return Threshold(checked_tau(tau), checksum)
+    kept = kept_threshold(store)
+    if kept is not None and kept.weights == checksum:
+        return kept
+    if kept is not None:
+        settings.tell(
+            f"note: the calibrated tau, {kept.tau:g}, belongs to other weights; tau is "
+            f"{DEFAULT_TAU:g} until `actioncli calibrate` measures it anew."
+        )
+    return Threshold(DEFAULT_TAU, checksum)
 
 
 def checked_tau(tau: float) -> float:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.common import (
-    ClipArguments,
     FpsOption,
     LayoutOption,
     Reading,
@@ -20,22 +19,44 @@ from actioncli.cli.common import (
     complete_label,
     each_clip,
     report_bad_clip,
+    stored_negatives,
     tell_notes,
+    used_threshold,
 )
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
-from actioncli.errors import ClipError
+from actioncli.errors import ClipError, StoreError, UsageError, WeightsError
 
 if TYPE_CHECKING:
-    from actioncli.clips.clip import Clip
+    from collections.abc import Sequence
+
+    from actioncli.clips.clip import Clip, FloatArray
+    from actioncli.recognizer import Recognizer
+    from actioncli.store.store import SupportStore
+
+# Where negatives are kept; a label like any other, which can be shown, renamed and removed.
+NEGATIVES = "negatives"
 
 
 @command
 def enroll(
     settings: Settings,
     label: Annotated[
-        str, typer.Argument(help="Name of the action.", autocompletion=complete_label)
+        str,
+        typer.Argument(
+            help="Name of the action; left out with --negative.", autocompletion=complete_label
+        ),
     ],
-    clips: ClipArguments,
+    clips: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="CLIP...",
+            help="Clip files, folders of them, or patterns such as 'day1/*.npy'.",
+            show_default=False,
+        ),
+    ] = None,
+    negative: Annotated[
+        bool, typer.Option("--negative", help="Enrol what must never be accepted.")
+    ] = False,
     note: Annotated[str, typer.Option(metavar="TEXT", help="Kept with the examples.")] = "",
     weights: WeightsOption = None,
     layout: LayoutOption = None,
@@ -47,43 +68,67 @@ def enroll(
 
     One clip is enough; more make recognition surer. All clips of one call are added together.
     A clip that is there already is told and not added again. A clip that cannot be used is
-    reported and left out, and the exit code is 3.
+    reported and left out, and the exit code is 3. A clip that is unlike the other examples of
+    its action, or like another action, is added with a warning.
+
+    With --negative, no label is given, and the clips are kept as `negatives`: what is nearer to
+    one of them than to every action is rejected.
 
     \b
     Examples:
       actioncli enroll wave wave.npy
       actioncli enroll wave recordings/wave/ --note "living room"
       actioncli enroll squat 'day1/squat_*.json' --unit mm --up y
+      actioncli enroll --negative scratching.npy stretching.npy
 
     \b
     JSON keys:
-      label, clips, added, known, failed
-      clips[]: source, example, added, frames, seconds, notes, error
+      label, negative, clips, added, known, failed
+      clips[]: source, example, added, frames, seconds, notes, warnings, error
       clips[].error: type, message, exit_code
     """
-    from actioncli.recognizer import Recognizer
     from actioncli.store.names import check_label
 
-    label = check_label(label)
+    paths = [Path(label), *(clips or [])] if negative else clips
+    if not paths:
+        raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
+    label = NEGATIVES if negative else check_label(label)
     reading = Reading(layout, unit, up, fps)
-    recognizer = Recognizer(weights)
+    recognizer = _recognizer(settings, weights)
     outcomes: list[tuple[Path, Clip | ClipError]] = []
-    for path in each_clip(settings, clips, "Reading"):
+    embeddings: list[FloatArray] = []
+    for path in each_clip(settings, paths, "Reading"):
         try:
             clip = reading.read(path)
-            # A clip that the model cannot use would fail every later classification.
-            recognizer.embed([clip])
+            if recognizer is not None:
+                # A clip that the model cannot use would fail every later classification.
+                embeddings.append(recognizer.embed([clip])[0])
         except ClipError as error:
             report_bad_clip(error)
             outcomes.append((path, error))
         else:
             outcomes.append((path, clip))
     usable = [clip for _, clip in outcomes if not isinstance(clip, ClipError)]
+    doubts: list[list[str]] = [[] for _ in usable]
     with settings.open_store() as store:
-        enrolled = store.enroll_all([(label, clip) for clip in usable], note=note)
+        if usable and recognizer is not None and not negative:
+            try:
+                doubts = _doubts(settings, store, recognizer, label, embeddings)
+            except StoreError as error:
+                # A damaged example, for instance, is no reason to refuse a new one.
+                settings.tell(f"warning: the clips are not compared: {printable(error)}")
+        try:
+            enrolled = store.enroll_all([(label, clip) for clip in usable], note, negative)
+        except UsageError as error:
+            if not negative:
+                raise
+            raise UsageError(
+                f"`{NEGATIVES}` is the name of an action here; give it another one first: "
+                f"actioncli rename {NEGATIVES} NEW"
+            ) from error
 
     entries: list[dict[str, object]] = []
-    remaining = iter(enrolled)
+    remaining = iter(zip(enrolled, doubts, strict=True))
     for path, clip_or_error in outcomes:
         if isinstance(clip_or_error, ClipError):
             entries.append(
@@ -93,7 +138,9 @@ def enroll(
                 }
             )
             continue
-        one = next(remaining)
+        one, warnings = next(remaining)
+        if not one.added:
+            warnings = []
         entries.append(
             {
                 "source": str(path),
@@ -102,6 +149,7 @@ def enroll(
                 "frames": len(clip_or_error),
                 "seconds": number(clip_or_error.duration),
                 "notes": list(clip_or_error.notes),
+                "warnings": warnings,
             }
         )
         if not (settings.json or settings.quiet):
@@ -111,12 +159,15 @@ def enroll(
                 f"{'added' if one.added else 'already there'} as example {one.example} "
                 f"({plural(len(clip_or_error), 'frame')}, {clip_or_error.duration:.1f} s)"
             )
+        for line in warnings:
+            settings.tell(f"warning: {printable(path)}: {printable(line)}")
     failed = len(outcomes) - len(usable)
     if settings.json:
         added = sum(one.added for one in enrolled)
         write_json(
             {
                 "label": label,
+                "negative": negative,
                 "clips": entries,
                 "added": added,
                 "known": len(enrolled) - added,
@@ -125,3 +176,48 @@ def enroll(
         )
     if failed:
         raise typer.Exit(ClipError.exit_code)
+
+
+def _recognizer(settings: Settings, weights: Path | None) -> Recognizer | None:
+    """What checks new clips; enrolment itself needs no weights.
+
+    Raises:
+        WeightsError: weights that were asked for cannot be used.
+    """
+    from actioncli.recognizer import Recognizer
+
+    try:
+        return Recognizer(weights)
+    except WeightsError as error:
+        if weights is not None:
+            raise
+        settings.tell(f"warning: the clips are not checked: {printable(error)}")
+        return None
+
+
+def _doubts(
+    settings: Settings,
+    store: SupportStore,
+    recognizer: Recognizer,
+    label: str,
+    embeddings: Sequence[FloatArray],
+) -> list[list[str]]:
+    """For each new clip, warnings about what it looks like beside all others."""
+    import numpy as np
+
+    from actioncli.likeness import doubts
+
+    support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
+    negatives = stored_negatives(store, recognizer)
+    threshold = used_threshold(settings, store, recognizer)
+    own = [*support.pop(label, ()), *embeddings]
+    found = []
+    for clip in embeddings:
+        rest = [other for other in own if not np.array_equal(other, clip)]
+        beside = {**support, label: np.stack(rest)} if rest else support
+        if beside:
+            decision = recognizer.classify(clip, beside, threshold.tau, negatives)
+            found.append(doubts(decision, label, threshold))
+        else:
+            found.append([])
+    return found

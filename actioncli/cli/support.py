@@ -19,7 +19,7 @@ YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
 
 @command
 def list_support(settings: Settings) -> None:
-    """List the enrolled actions.
+    """List the enrolled actions, and the negatives.
 
     \b
     Examples:
@@ -50,22 +50,16 @@ def list_support(settings: Settings) -> None:
                 ],
             }
         )
-    elif actions:
-        say(
-            table(
-                ("action", "examples", "seconds", "last added"),
-                [
-                    (
-                        f"{action.label} (negative)" if action.negative else action.label,
-                        action.examples,
-                        action.seconds,
-                        action.last_added,
-                    )
-                    for action in actions
-                ],
-            )
-        )
-    else:
+        return
+    for title, negative in (("action", False), ("never accepted", True)):
+        rows = [
+            (action.label, action.examples, action.seconds, action.last_added)
+            for action in actions
+            if action.negative == negative
+        ]
+        if rows:
+            say(table((title, "examples", "seconds", "last added"), rows))
+    if all(action.negative for action in actions):
         settings.tell("The support set is empty; enrol an action: actioncli enroll LABEL CLIP")
 
 
@@ -188,6 +182,8 @@ def rename(
 def clear(settings: Settings, yes: YesOption = False) -> None:
     """Remove everything from the support set.
 
+    The threshold that `calibrate` kept is forgotten too.
+
     \b
     Examples:
       actioncli clear
@@ -197,11 +193,14 @@ def clear(settings: Settings, yes: YesOption = False) -> None:
     JSON keys:
       removed
     """
+    from actioncli.threshold import keep_threshold
+
     with settings.open_store() as store:
         count = len(store.examples())
         if not _agreed(settings, yes, f"Remove {plural(count, 'example')}, all there are?"):
             return
         removed = store.clear()
+        keep_threshold(store, None)
     if settings.json:
         write_json({"removed": removed})
     elif not settings.quiet:

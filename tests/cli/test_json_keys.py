@@ -32,7 +32,7 @@ def documented(help_text: str) -> dict[str, set[str]]:
     keys: dict[str, set[str]] = {}
     for line in block.splitlines():
         path, colon, names = line.strip().rpartition(": ")
-        keys[path if colon else ""] = set(re.split(r", ", names))
+        keys.setdefault(path if colon else "", set()).update(re.split(r", ", names))
     return keys
 
 

@@ -1,0 +1,298 @@
+"""`calibrate`: find the threshold that suits a support set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from actioncli.cli.common import (
+    FpsOption,
+    LayoutOption,
+    Reading,
+    Settings,
+    UnitOption,
+    UpOption,
+    WeightsOption,
+    command,
+    each_clip,
+    report_bad_clip,
+    stored_negatives,
+    tell_notes,
+)
+from actioncli.cli.output import number, plural, printable, progress, say, table, write_json
+from actioncli.errors import ClipError, SupportError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from actioncli.calibration import Rate, Recommendation, Trials
+    from actioncli.clips.clip import FloatArray
+    from actioncli.recognizer import Recognizer
+
+_KINDS = {
+    "actions": "your examples, to the other actions",
+    "negatives": "your negatives",
+    "cohort": "other people's motions",
+}
+
+
+@command
+def calibrate(
+    settings: Settings,
+    negatives: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="PATH",
+            help="Clips, or a folder of them, that show none of the actions; may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    target_far: Annotated[
+        float, typer.Option(metavar="RATE", help="Wanted rate of false accepts.")
+    ] = 0.05,
+    per_action: Annotated[
+        bool, typer.Option("--per-action", help="Give each action a threshold of its own.")
+    ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Tell the threshold without keeping it.")
+    ] = False,
+    reset: Annotated[
+        bool, typer.Option("--reset", help="Forget the kept threshold; measure nothing.")
+    ] = False,
+    weights: WeightsOption = None,
+    layout: LayoutOption = None,
+    unit: UnitOption = None,
+    up: UpOption = None,
+    fps: FpsOption = None,
+) -> None:
+    """Measure which threshold suits the support set.
+
+    False rejects are counted on enrolled examples, each against the support set without it;
+    that takes two examples of an action. False accepts are counted on clips that show none of
+    the enrolled actions: each example against the other actions, the negatives (`enroll
+    --negative`, --negatives), and motions of other people that came with the weights. Each rate
+    stands with its 95 % interval.
+
+    The smallest threshold with at most the wanted rate of false accepts is kept in the support
+    set, and `classify` uses it unless --tau is given. Where there are too few clips to tell,
+    none is kept, and `classify` uses 0.5.
+
+    \b
+    Examples:
+      actioncli calibrate
+      actioncli calibrate --negatives everyday/ --target-far 0.02 --dry-run
+      actioncli calibrate --reset
+
+    \b
+    JSON keys:
+      tau, measured, kept, target_far, weights, table, unknown, actions, notes, failed
+      table[]: tau, false_accepts, false_rejects, misnamed
+      unknown[]: kind, false_accepts
+      actions[]: label, examples, tau, false_accepts, false_rejects
+      .false_accepts, .false_rejects, .misnamed: count, of, rate, low, high
+    With --reset: tau, kept
+    """
+    if reset:
+        if negatives or per_action or dry_run:
+            raise UsageError("--reset only forgets: no --negatives, --per-action or --dry-run.")
+        _forget(settings)
+        return
+    if not 0 < target_far < 1:
+        raise UsageError(f"--target-far must lie between 0 and 1, not {target_far:g}.")
+    from actioncli.calibration import recommend, run_trials
+    from actioncli.recognizer import Recognizer
+    from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+
+    reading = Reading(layout, unit, up, fps)
+    recognizer = Recognizer(weights)
+    checksum = recognizer.weights.checksum
+    with settings.open_store() as store:
+        support = store.embeddings(checksum, recognizer.embed)
+        stored = stored_negatives(store, recognizer)
+        if not support:
+            raise SupportError(
+                "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
+            )
+        others, failed = _read(settings, reading, recognizer, negatives or [])
+        trials = run_trials(
+            recognizer,
+            support,
+            stored,
+            others,
+            lambda steps: progress(steps, "Comparing", shown=not settings.quiet),
+        )
+        found = recommend(trials, target_far, per_action)
+        notes = list(found.notes)
+        last = kept_threshold(store)
+        if last is not None and last.weights != checksum:
+            notes.append(f"The kept threshold, {last.tau:g}, was measured with other weights.")
+        if not dry_run:
+            keep_threshold(
+                store, Threshold(found.tau, checksum, found.actions) if found.measured else None
+            )
+
+    if settings.json:
+        write_json(
+            {
+                "tau": number(found.tau),
+                "measured": found.measured,
+                "kept": found.measured and not dry_run,
+                "target_far": number(target_far),
+                "weights": checksum,
+                **_figures(trials, found),
+                "notes": notes,
+                "failed": failed,
+            }
+        )
+    else:
+        if not settings.quiet:
+            _print(trials, found, per_action)
+        for line in notes:
+            settings.tell(f"note: {printable(line)}")
+        say(_outcome(found, dry_run))
+    if failed:
+        raise typer.Exit(ClipError.exit_code)
+
+
+def _forget(settings: Settings) -> None:
+    from actioncli.recognizer import DEFAULT_TAU
+    from actioncli.threshold import keep_threshold
+
+    with settings.open_store() as store:
+        keep_threshold(store, None)
+    if settings.json:
+        write_json({"tau": DEFAULT_TAU, "kept": False})
+    elif not settings.quiet:
+        say(f"No threshold is kept; classify uses tau {DEFAULT_TAU:g} unless --tau is given.")
+
+
+def _read(
+    settings: Settings, reading: Reading, recognizer: Recognizer, paths: Sequence[Path]
+) -> tuple[FloatArray, int]:
+    """Embeddings of the clips that can be used, and how many cannot."""
+    import numpy as np
+
+    embeddings = [recognizer.embed([])]
+    failed = 0
+    for path in each_clip(settings, paths, "Reading") if paths else ():
+        try:
+            clip = reading.read(path)
+            embeddings.append(recognizer.embed([clip]))
+        except ClipError as unusable:
+            failed += 1
+            report_bad_clip(unusable)
+        else:
+            tell_notes(settings, path, clip.notes)
+    return np.concatenate(embeddings), failed
+
+
+def _rows(trials: Trials, found: Recommendation) -> list[tuple[float, Rate, Rate, Rate]]:
+    """The table over tau: false accepts, false rejects, and what was named wrongly."""
+    from actioncli.calibration import TAUS
+
+    return [
+        (tau, trials.false_accepts(tau), trials.false_rejects(tau), trials.misnamed(tau))
+        for tau in sorted({*TAUS, found.tau})
+    ]
+
+
+def _thresholds(trials: Trials, found: Recommendation) -> list[float]:
+    """The threshold of each action."""
+    return [found.actions.get(label, found.tau) for label in trials.labels]
+
+
+def _figures(trials: Trials, found: Recommendation) -> dict[str, object]:
+    taus = _thresholds(trials, found)
+    return {
+        "table": [
+            {
+                "tau": number(tau),
+                "false_accepts": _entry(accepts),
+                "false_rejects": _entry(rejects),
+                "misnamed": _entry(misnamed),
+            }
+            for tau, accepts, rejects, misnamed in _rows(trials, found)
+        ],
+        "unknown": [
+            {"kind": kind, "false_accepts": _entry(trials.false_accepts(taus, kind))}
+            for kind in trials.unknown
+        ],
+        "actions": [
+            {
+                "label": label,
+                "examples": trials.examples[action],
+                "tau": number(taus[action]),
+                "false_accepts": _entry(trials.false_accepts(taus, action=action)),
+                "false_rejects": _entry(trials.false_rejects(taus, action)),
+            }
+            for action, label in enumerate(trials.labels)
+        ],
+    }
+
+
+def _entry(rate: Rate) -> dict[str, object]:
+    low, high = rate.interval
+    return {
+        "count": rate.count,
+        "of": rate.of,
+        "rate": number(rate.rate),
+        "low": number(low),
+        "high": number(high),
+    }
+
+
+def _print(trials: Trials, found: Recommendation, per_action: bool) -> None:
+    header = ("tau", "false accepts", "false rejects", "misnamed", "")
+    rows = [
+        (
+            f"{tau:g}",
+            *map(_cell, rates),
+            "<- recommended" if found.measured and tau == found.tau else "",
+        )
+        for tau, *rates in _rows(trials, found)
+    ]
+    say(table(header, rows))
+    taus = _thresholds(trials, found)
+    say()
+    say(
+        table(
+            (f"clips that show none, tau {found.tau:g}", "false accepts"),
+            [(what, _cell(trials.false_accepts(taus, kind))) for kind, what in _KINDS.items()],
+        )
+    )
+    if per_action:
+        say()
+        say(
+            table(
+                ("action", "examples", "tau", "false accepts", "false rejects"),
+                [
+                    (
+                        label,
+                        trials.examples[action],
+                        f"{taus[action]:g}",
+                        _cell(trials.false_accepts(taus, action=action)),
+                        _cell(trials.false_rejects(taus, action)),
+                    )
+                    for action, label in enumerate(trials.labels)
+                ],
+            )
+        )
+    say()
+
+
+def _cell(rate: Rate) -> str:
+    if not rate.of:
+        return "none asked"
+    low, high = rate.interval
+    return f"{rate.count}/{rate.of} {rate.rate:4.0%} ({low * 100:.0f}-{high:.0%})"
+
+
+def _outcome(found: Recommendation, dry_run: bool) -> str:
+    own = f", and {plural(len(found.actions), 'action')} one of its own" if found.actions else ""
+    if not found.measured:
+        return f"tau {found.tau:g}, as without calibration: nothing else can be told"
+    if dry_run:
+        return f"tau {found.tau:g}{own}: not kept"
+    return f"tau {found.tau:g}{own}: kept, classify uses it unless --tau is given"
