@@ -10,6 +10,7 @@ import numpy as np
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import ClipError
 from actioncli.recognizer import Recognizer
+from actioncli.threshold import Threshold
 
 # Seconds between looks at the stream.
 STRIDE = 0.25
@@ -62,17 +63,23 @@ class Spotter:
         self,
         recognizer: Recognizer,
         support: Mapping[str, FloatArray],
-        tau: float,
+        threshold: Threshold,
         durations: Iterable[float],
+        negatives: FloatArray | None = None,
     ) -> None:
         """Prepare.
 
         Args:
             support: embeddings (n, F, E) of each enrolled action.
-            tau: accept above it.
+            threshold: what confidence must exceed.
             durations: of the enrolled examples, seconds.
+            negatives: embeddings (N, F, E); a window that is nearest to one shows no action.
         """
-        self._recognizer, self._support, self._tau = recognizer, support, tau
+        self._recognizer, self._threshold = recognizer, threshold
+        self._actions = frozenset(support)
+        nothing = () if negatives is None else negatives
+        # Each negative competes like an action, under a name that no label can have.
+        self._support = {**support, **{f"\n{n}": one[None] for n, one in enumerate(nothing)}}
         self.windows = window_lengths(durations)
         self.ranking: tuple[Sighting, ...] = ()
         self._event: Event | None = None
@@ -97,7 +104,7 @@ class Spotter:
         self.ranking = self._sightings(clip, now) if clip is not None else ()
         best = self.ranking[0] if self.ranking else None
         done: list[Event] = []
-        if best is not None and best.confidence > self._tau:
+        if best is not None and best.confidence > self._threshold.of(best.label):
             same = self._rising and self._rising[-1].label == best.label
             self._rising = [*self._rising, best] if same else [best]
         else:
@@ -117,7 +124,8 @@ class Spotter:
     def _carry_on(self, event: Event, now: float) -> list[Event]:
         held = [seen for seen in self.ranking if seen.label == event.label]
         challenged = len(self._rising) >= _LOOKS_TO_BEGIN and self._rising[-1].label != event.label
-        if held and held[0].confidence > _HOLDS * self._tau and not challenged:
+        holds = _HOLDS * self._threshold.of(event.label)
+        if held and held[0].confidence > holds and not challenged:
             sure = max(event.confidence, held[0].confidence)
             self._event, self._quiet = replace(event, end=now, confidence=sure), 0
             return []
@@ -151,6 +159,8 @@ class Spotter:
         ):
             nearest = int(distance.argmin())
             label, sure = str(comparison.labels[nearest]), float(confidence[nearest])
+            if label not in self._actions:
+                continue
             if label not in best or sure > best[label].confidence:
                 best[label] = Sighting(label, sure, now - seconds)
         return tuple(sorted(best.values(), key=lambda seen: -seen.confidence))

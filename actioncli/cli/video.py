@@ -1,0 +1,113 @@
+"""What the commands that read videos share: options, and progress with frame rate and time left."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from actioncli.errors import UsageError
+
+if TYPE_CHECKING:
+    from actioncli.pose.video import Progress
+
+StartOption = Annotated[
+    float | None,
+    typer.Option(
+        "--start",
+        metavar="SECONDS",
+        help="Where the action begins in a video.  [default: found from the motion]",
+        show_default=False,
+    ),
+]
+EndOption = Annotated[
+    float | None,
+    typer.Option(
+        "--end",
+        metavar="SECONDS",
+        help="Where it ends.  [default: found from the motion]",
+        show_default=False,
+    ),
+]
+QualityOption = Annotated[
+    str | None,
+    typer.Option(
+        "--quality",
+        metavar="fast|accurate",
+        help="Pose network for videos.  [default: fast]",
+        show_default=False,
+    ),
+]
+PersonOption = Annotated[
+    int | None,
+    typer.Option(
+        "--person",
+        metavar="N",
+        help="Whom to follow in a video, 1 is the leftmost.  [default: who moves most]",
+        show_default=False,
+    ),
+]
+CacheOption = Annotated[
+    bool, typer.Option("--cache/--no-cache", help="Keep poses of videos for the next time.")
+]
+
+# Reading that is over sooner needs no progress line.
+_PATIENCE_SECONDS = 1.0
+
+
+def checked_quality(quality: str | None) -> str:
+    """The quality to use.
+
+    Raises:
+        UsageError: there is no such one.
+    """
+    from actioncli.pose.networks import LANDMARKS
+    from actioncli.pose.video import DEFAULT_QUALITY
+
+    if quality is not None and quality not in LANDMARKS:
+        raise UsageError(f"--quality is {' or '.join(LANDMARKS)}, not {quality!r}.")
+    return quality or DEFAULT_QUALITY
+
+
+@contextlib.contextmanager
+def video_progress(path: Path, *, shown: bool) -> Iterator[Callable[[Progress], None] | None]:
+    """Show how far a video has been read, on standard error, if someone is there to see it."""
+    if not (shown and sys.stderr.isatty()):
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    bar = Bar(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.fields[rate]:.0f} frames/s"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        redirect_stdout=False,
+    )
+    start = time.monotonic()
+    task = bar.add_task(path.name, total=None, rate=0.0)
+
+    def show(progress: Progress) -> None:
+        passed = time.monotonic() - start
+        if passed > _PATIENCE_SECONDS:
+            bar.start()
+        bar.update(
+            task,
+            completed=progress.seconds,
+            total=progress.total or None,
+            rate=progress.frames / max(passed, 1e-3),
+        )
+
+    try:
+        yield show
+    finally:
+        bar.stop()

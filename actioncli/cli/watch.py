@@ -1,0 +1,243 @@
+"""`watch`: one event per action performed before a camera, or in a video."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from actioncli.cli.common import (
+    Settings,
+    WeightsOption,
+    command,
+    stored_negatives,
+    used_threshold,
+)
+from actioncli.cli.output import number, printable, say
+from actioncli.cli.video import QualityOption, checked_quality
+from actioncli.errors import SupportError, UsageError
+
+if TYPE_CHECKING:
+    from actioncli.events import Event, Spotter
+    from actioncli.pose.frames import Frame
+    from actioncli.pose.stream import LiveSource, PoseStream
+
+# Commands of --exec that may run at once; what comes meanwhile is told and left out.
+_MOST_RUNNING = 8
+_LAST_SECONDS = 5.0
+
+
+@command
+def watch(
+    settings: Settings,
+    source: Annotated[str, typer.Argument(metavar="CAMERA|VIDEO|URL", help="What to watch.")] = "0",
+    tau: Annotated[
+        float | None,
+        typer.Option(
+            metavar="0..1",
+            help="Accept where the confidence is above it.  [default: the calibrated one, "
+            "else 0.5]",
+            show_default=False,
+        ),
+    ] = None,
+    execute: Annotated[
+        str | None,
+        typer.Option(
+            "--exec",
+            metavar="CMD",
+            help="Run at every event, without a shell, with ACTIONCLI_LABEL, "
+            "ACTIONCLI_CONFIDENCE, ACTIONCLI_START and ACTIONCLI_END in its environment.",
+        ),
+    ] = None,
+    quality: QualityOption = None,
+    weights: WeightsOption = None,
+) -> None:
+    """Tell every enrolled action that somebody performs.
+
+    Windows of several lengths slide over the poses of one person; one performance is one event,
+    told when it is over. A camera's frames that come too late are dropped. A video gives the same
+    events every time. Ctrl-C ends watching.
+
+    \b
+    Examples:
+      actioncli watch
+      actioncli watch training.mp4 --json
+      actioncli watch 0 --exec 'notify-send moved'
+
+    \b
+    JSON keys, one line per event:
+      label, start, end, confidence
+    """
+    from actioncli.events import Spotter
+    from actioncli.recognizer import Recognizer
+
+    run = _Runner(execute) if execute is not None else None
+    network = checked_quality(quality)
+    recognizer = Recognizer(weights)
+    with settings.open_store() as store:
+        support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
+        negatives = stored_negatives(store, recognizer)
+        threshold = used_threshold(settings, store, recognizer, tau)
+        durations = [(e.frames - 1) / e.fps for e in store.examples() if not e.negative]
+    if not support:
+        raise SupportError(
+            "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
+        )
+    spotter = Spotter(recognizer, support, threshold, durations, negatives)
+    try:
+        for event in _events(settings, source, spotter, network):
+            _tell(settings, event)
+            if run is not None:
+                run(event)
+    finally:
+        if run is not None:
+            run.wait()
+
+
+def _events(settings: Settings, source: str, spotter: Spotter, quality: str) -> Iterator[Event]:
+    """Look at the stream every `STRIDE` seconds; what Ctrl-C cuts off is told as well."""
+    from actioncli.events import STRIDE
+    from actioncli.pose.stream import PoseStream
+
+    poses = PoseStream(quality, seconds=max(spotter.windows) + 1)
+    looked = -STRIDE
+    with _frames(source) as (frames, live), _view(settings) as view:
+        with contextlib.suppress(KeyboardInterrupt):
+            for frame in frames:
+                poses.add(frame)
+                if frame.time - looked >= STRIDE:
+                    looked = frame.time
+                    yield from spotter.look(poses.clip(), frame.time)
+                view.show(frame, poses, spotter, live)
+        yield from spotter.finish()
+
+
+@contextlib.contextmanager
+def _frames(source: str) -> Iterator[tuple[Iterator[Frame], LiveSource | None]]:
+    """Frames of a file, or of a live source that is closed at the end."""
+    from actioncli.pose.stream import LiveSource, file_frames
+
+    if not (source.isdecimal() or "://" in source):
+        yield file_frames(Path(source)), None
+        return
+    live = LiveSource(int(source) if source.isdecimal() else source)
+    try:
+        yield live.frames(), live
+    finally:
+        live.close()
+
+
+def _tell(settings: Settings, event: Event) -> None:
+    if settings.json:
+        entry = {
+            "label": event.label,
+            "start": number(event.start),
+            "end": number(event.end),
+            "confidence": number(event.confidence),
+        }
+        say(json.dumps(entry, allow_nan=False))
+    else:
+        say(
+            f"{event.start:8.1f} s  to {event.end:8.1f} s  {printable(event.label)}  "
+            f"(confidence {event.confidence:.2f})"
+        )
+
+
+@dataclass
+class _Runner:
+    """Runs the user's command for events, and never a shell."""
+
+    line: str
+    words: list[str] = field(init=False)
+    running: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        try:
+            self.words = shlex.split(self.line)
+        except ValueError as error:
+            raise UsageError(f"--exec {self.line!r} is no command: {error}.") from error
+        if not self.words or shutil.which(self.words[0]) is None:
+            raise UsageError(f"--exec {self.line!r}: there is no such program.")
+
+    def __call__(self, event: Event) -> None:
+        self.running = [process for process in self.running if process.poll() is None]
+        if len(self.running) >= _MOST_RUNNING:
+            typer.echo(f"note: {_MOST_RUNNING} commands still run; not run again.", err=True)
+            return
+        told = {
+            "ACTIONCLI_LABEL": event.label,
+            "ACTIONCLI_CONFIDENCE": f"{event.confidence:.3f}",
+            "ACTIONCLI_START": f"{event.start:.3f}",
+            "ACTIONCLI_END": f"{event.end:.3f}",
+        }
+        self.running.append(
+            subprocess.Popen(
+                self.words, env={**os.environ, **told}, stdin=subprocess.DEVNULL, stdout=sys.stderr
+            )
+        )
+
+    def wait(self) -> None:
+        """Give commands that still run a little time; they are not ended."""
+        deadline = time.monotonic() + _LAST_SECONDS
+        for process in self.running:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(deadline - time.monotonic(), 0))
+
+
+class _Nothing:
+    def show(self, *_: Any) -> None:
+        """Nobody looks."""
+
+
+class _Screen:
+    """Frame rate, whether the body is in view, and the current ranking, on standard error."""
+
+    def __init__(self, live: Any) -> None:
+        self._live = live
+        self._times: list[float] = []
+
+    def show(
+        self, frame: Frame, poses: PoseStream, spotter: Spotter, source: LiveSource | None
+    ) -> None:
+        """Draw; rich limits how often that reaches the terminal."""
+        from rich.text import Text
+
+        now = time.monotonic()
+        self._times = [*self._times[-30:], now]
+        rate = (len(self._times) - 1) / max(now - self._times[0], 1e-3)
+        dropped = f", {source.dropped} dropped" if source is not None else ""
+        who = "following" if poses.body is not None else "nobody in view"
+        lines = [f"{frame.time:7.1f} s   {rate:4.1f} frames/s{dropped}   {who}"]
+        lines += [
+            f"  {printable(seen.label):<24} {seen.confidence:4.2f} "
+            f"{'#' * round(20 * seen.confidence)}"
+            for seen in spotter.ranking[:5]
+        ]
+        if spotter.current is not None:
+            lines.append(f"  now: {printable(spotter.current.label)}")
+        self._live.update(Text("\n".join(lines)))
+
+
+@contextlib.contextmanager
+def _view(settings: Settings) -> Iterator[_Screen | _Nothing]:
+    if settings.quiet or not sys.stderr.isatty():
+        yield _Nothing()
+        return
+    from rich.console import Console
+    from rich.live import Live
+
+    with Live(
+        console=Console(stderr=True), refresh_per_second=8, transient=True, redirect_stdout=False
+    ) as live:
+        yield _Screen(live)
