@@ -26,7 +26,10 @@ _NEEDED = (
     ("typer", "typer", "the command line"),
     ("rich", "rich", "progress bars"),
 )
-_OPTIONAL = (("torch", "torch", "training; pip install 'actioncli[train]'"),)
+_OPTIONAL = (
+    ("PIL", "pillow", "drawings as PNG, GIF, MP4; pip install 'actioncli[report]'"),
+    ("torch", "torch", "training; pip install 'actioncli[train]'"),
+)
 
 EXIT_INCOMPLETE = 70
 

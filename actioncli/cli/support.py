@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actioncli.cli.common import Settings, command, complete_label
 from actioncli.cli.output import number, plural, printable, say, table, write_json
-from actioncli.errors import UsageError
+from actioncli.errors import SupportError, UsageError
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
+    from actioncli.report.drawing import Theme
 
 LabelArgument = Annotated[
     str, typer.Argument(help="Name of an enrolled action.", autocompletion=complete_label)
@@ -64,39 +71,85 @@ def list_support(settings: Settings) -> None:
 
 
 @command
-def show(settings: Settings, label: LabelArgument) -> None:
-    """Show the examples of one action.
+def show(
+    settings: Settings,
+    label: LabelArgument,
+    example: Annotated[
+        int | None,
+        typer.Option(
+            metavar="ID", help="Show only this example.  [default: all]", show_default=False
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="Draw into a file: .png or .svg, or in motion .gif or .mp4.",
+            show_default=False,
+        ),
+    ] = None,
+    dark: Annotated[
+        bool, typer.Option("--dark", help="Draw on dark paper; .svg follows its reader without.")
+    ] = False,
+) -> None:
+    """Show the examples of one action: as a list, and drawn as skeletons over time.
+
+    The body's left side is blue, its right side orange. Joints that the source had to guess are
+    hollow, and bones between them dotted. Pixels need the extra: pip install 'actioncli[report]'.
 
     \b
     Examples:
       actioncli show wave
+      actioncli show wave -o wave.png
+      actioncli show wave --example 3 -o wave.gif --dark
 
     \b
     JSON keys:
-      label, examples
+      label, examples, drawn
       examples[]: id, source, frames, joints, fps, seconds, added, note, checksum
     """
+    if out is not None:
+        from actioncli.report.pictures import check_picture
+
+        check_picture(out)
     with settings.open_store() as store:
         examples = store.examples(label)
-    seconds = [(example.frames - 1) / example.fps for example in examples]
+        if example is not None:
+            examples = [each for each in examples if each.id == example]
+            if not examples:
+                raise SupportError(
+                    f"`{label}` has no example {example}; `actioncli show` lists those it has."
+                )
+        drawn = out is not None or not (settings.json or settings.quiet)
+        clips = [store.clip(each.id) for each in examples] if drawn else []
+    if out is not None:
+        from actioncli.report.pictures import write_picture
+
+        captions = [f"{each.id}: {printable(each.source)}" for each in examples]
+        theme: Theme | None = "dark" if dark else None
+        write_picture(out, printable(label), list(zip(captions, clips, strict=True)), theme)
+    seconds = [(each.frames - 1) / each.fps for each in examples]
     if settings.json:
         write_json(
             {
                 "label": label,
                 "examples": [
                     {
-                        "id": example.id,
-                        "source": example.source,
-                        "frames": example.frames,
-                        "joints": example.joints,
-                        "fps": number(example.fps),
+                        "id": each.id,
+                        "source": each.source,
+                        "frames": each.frames,
+                        "joints": each.joints,
+                        "fps": number(each.fps),
                         "seconds": number(length),
-                        "added": example.added,
-                        "note": example.note,
-                        "checksum": example.checksum,
+                        "added": each.added,
+                        "note": each.note,
+                        "checksum": each.checksum,
                     }
-                    for example, length in zip(examples, seconds, strict=True)
+                    for each, length in zip(examples, seconds, strict=True)
                 ],
+                "drawn": None if out is None else str(out),
             }
         )
         return
@@ -106,19 +159,42 @@ def show(settings: Settings, label: LabelArgument) -> None:
             ("id", "source", "frames", "joints", "fps", "seconds", "added", "note"),
             [
                 (
-                    example.id,
-                    example.source,
-                    example.frames,
-                    example.joints,
-                    example.fps,
+                    each.id,
+                    each.source,
+                    each.frames,
+                    each.joints,
+                    each.fps,
                     length,
-                    example.added,
-                    example.note,
+                    each.added,
+                    each.note,
                 )
-                for example, length in zip(examples, seconds, strict=True)
+                for each, length in zip(examples, seconds, strict=True)
             ],
         )
     )
+    if out is not None:
+        settings.tell(f"drawn in {printable(out)}")
+        return
+    for each, clip in zip(examples, clips, strict=True):
+        _draw(each.id, clip)
+
+
+def _draw(number_of: int, clip: Clip) -> None:
+    """Poses of an example, as wide as the terminal."""
+    from actioncli.report.figure import figure
+    from actioncli.report.terminal import strip_lines
+
+    columns = shutil.get_terminal_size().columns
+    colours = sys.stdout.isatty() and "NO_COLOR" not in os.environ
+    try:
+        "\u28ff\u2594".encode(sys.stdout.encoding or "ascii")
+        braille = True
+    except UnicodeEncodeError:
+        braille = False
+    say()
+    say(f"example {number_of}")
+    for line in strip_lines(figure(clip), columns, colours, braille):
+        say(line)
 
 
 @command

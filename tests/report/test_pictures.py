@@ -1,0 +1,115 @@
+"""Strips and animations in files."""
+
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from actioncli import Clip, UsageError, read_clip
+from actioncli.report.drawing import PALETTES
+from actioncli.report.pictures import write_picture
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def squat() -> Clip:
+    return read_clip(EXAMPLES / "squat/ada.npz")
+
+
+def rgb(colour: str) -> np.ndarray:
+    return np.array(list(bytes.fromhex(colour[1:])))
+
+
+def share(pixels: np.ndarray, colour: str) -> float:
+    """Share of the pixels that have nearly this colour."""
+    near = np.abs(pixels.astype(int) - rgb(colour)).max(axis=-1) <= 12
+    return float(near.mean())
+
+
+def test_svg_follows_its_reader_and_escapes(tmp_path: Path, squat: Clip) -> None:
+    label = '<script>&"squat"'
+    write_picture(tmp_path / "a.svg", label, [("<b>one", squat), ("two", squat)])
+    text = (tmp_path / "a.svg").read_text()
+    root = ET.fromstring(text)
+    said = [element.text for element in root.iter(f"{SVG}text")]
+    assert said[0] == label
+    assert {"<b>one", "two", "left", "0.0 s"} <= set(said)
+    assert "prefers-color-scheme:dark" in text
+    assert not any("http" in value for e in root.iter() for value in e.attrib.values())
+    write_picture(tmp_path / "dark.svg", label, [("one", squat)], "dark")
+    fixed = (tmp_path / "dark.svg").read_text()
+    assert PALETTES["dark"]["paper"] in fixed
+    assert "prefers-color-scheme" not in fixed
+
+
+def test_guessed_joints_are_hollow_and_their_bones_dotted(tmp_path: Path, squat: Clip) -> None:
+    confidence = np.ones(squat.joints.shape[:2])
+    confidence[:, squat.joint_names.index("lwri")] = 0
+    guessed = Clip(squat.joints, squat.joint_names, squat.fps, confidence)
+    counts = []
+    for clip in (squat, guessed):
+        write_picture(tmp_path / "a.svg", "squat", [("", clip)])
+        root = ET.fromstring((tmp_path / "a.svg").read_text())
+        hollow = sum("stroke-width" in e.attrib for e in root.iter(f"{SVG}ellipse"))
+        dotted = sum("stroke-dasharray" in e.attrib for e in root.iter(f"{SVG}line"))
+        counts.append((hollow, dotted))
+    (hollow, none), (more, dotted) = counts
+    assert none == 0
+    assert more > hollow
+    assert dotted >= more - hollow
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_png_shows_both_sides_on_its_paper(tmp_path: Path, squat: Clip, theme: str) -> None:
+    write_picture(tmp_path / "a.png", "squat", [("", squat)], "dark" if theme == "dark" else None)
+    palette = PALETTES["dark" if theme == "dark" else "light"]
+    pixels = np.asarray(Image.open(tmp_path / "a.png"))
+    assert share(pixels, palette["paper"]) > 0.8
+    assert share(pixels, palette["left"]) > 0.002
+    assert share(pixels, palette["right"]) > 0.002
+
+
+def test_gif_lasts_as_long_as_the_clip_and_repeats(tmp_path: Path) -> None:
+    joints = read_clip(EXAMPLES / "squat/ada.npz")
+    short = Clip(joints.joints[:31], joints.joint_names, 30)
+    write_picture(tmp_path / "a.gif", "squat", [("", short)] * 3)
+    with Image.open(tmp_path / "a.gif") as gif:
+        seconds = gif.n_frames * gif.info["duration"] / 1000
+        assert gif.info["loop"] == 0
+    assert 1 < seconds < 2
+
+
+def test_mp4_plays(tmp_path: Path) -> None:
+    joints = read_clip(EXAMPLES / "squat/ada.npz")
+    short = Clip(joints.joints[:8], joints.joint_names, 30)
+    write_picture(tmp_path / "a.mp4", "squat", [("", short)])
+    video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
+    read, frame = video.read()
+    assert read
+    # A video's colours are not exact, but the paper is white.
+    assert (frame > 240).all(axis=-1).mean() > 0.7
+    assert video.get(cv2.CAP_PROP_FPS) == 20
+
+
+def test_errors_say_what_to_do(
+    tmp_path: Path, squat: Clip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(UsageError, match=r"a\.bmp: drawings are written as \.png, \.svg"):
+        write_picture(tmp_path / "a.bmp", "squat", [("", squat)])
+    with pytest.raises(UsageError, match="folder does not exist"):
+        write_picture(tmp_path / "none/a.png", "squat", [("", squat)])
+    for suffix in (".png", ".svg", ".gif", ".mp4"):
+        (tmp_path / f"folder{suffix}").mkdir()
+        with pytest.raises(UsageError, match="cannot be written"):
+            write_picture(
+                tmp_path / f"folder{suffix}", "", [("", Clip(squat.joints[:9], squat.joint_names))]
+            )
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(UsageError, match=r"pip install 'actioncli\[report\]'"):
+        write_picture(tmp_path / "a.png", "squat", [("", squat)])
