@@ -1,0 +1,142 @@
+"""`extract`: write the skeletons of videos to files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from actioncli.cli.common import Settings, command, report_bad_clip, tell_notes
+from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
+from actioncli.cli.video import (
+    CacheOption,
+    EndOption,
+    PersonOption,
+    QualityOption,
+    StartOption,
+    checked_quality,
+    video_progress,
+)
+from actioncli.errors import ClipError, UsageError
+
+
+@command
+def extract(
+    settings: Settings,
+    videos: Annotated[
+        list[Path], typer.Argument(metavar="VIDEO...", help="Videos, folders of them, or patterns.")
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="File to write; for several videos, a folder."
+        ),
+    ],
+    format: Annotated[
+        str | None,
+        typer.Option(
+            metavar="npz|json|trc|csv",
+            help="[default: what the name of the file says, else npz]",
+            show_default=False,
+        ),
+    ] = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    quality: QualityOption = None,
+    person: PersonOption = None,
+    cache: CacheOption = True,
+) -> None:
+    """Write the skeleton of the person in a video to a file that enroll and classify read.
+
+    The part in which the person moves is written; --start 0 writes the whole video. A video that
+    cannot be used is reported and left out, and the exit code is 3.
+
+    \b
+    Examples:
+      actioncli extract wave.mp4 -o wave.npz
+      actioncli extract recordings/ -o skeletons/ --format json
+      actioncli extract squat.mp4 -o squat.trc --start 1.5 --end 4
+
+    \b
+    JSON keys:
+      clips, written, failed
+      clips[]: source, file, frames, fps, seconds, notes, error
+      clips[].error: type, message, exit_code
+    """
+    from actioncli.clips.read import find_clips
+    from actioncli.clips.write import write_clip
+    from actioncli.pose import VIDEO_SUFFIXES
+    from actioncli.pose.video import read_video_clip
+
+    paths = find_clips(videos, tuple(VIDEO_SUFFIXES))
+    targets = _targets(paths, output, format)
+    network = checked_quality(quality)
+    entries: list[dict[str, object]] = []
+    failed = 0
+    for path, target in zip(paths, targets, strict=True):
+        try:
+            with video_progress(path, shown=not settings.quiet) as progress:
+                clip = read_video_clip(path, start, end, network, person, cache, progress)
+            write_clip(target, clip, format or (None if target == output else "npz"))
+        except ClipError as error:
+            failed += 1
+            report_bad_clip(error)
+            entries.append({"source": str(path), "error": error_entry(error, error.exit_code)})
+            continue
+        entries.append(
+            {
+                "source": str(path),
+                "file": str(target),
+                "frames": len(clip),
+                "fps": number(clip.fps),
+                "seconds": number(clip.duration),
+                "notes": list(clip.notes),
+            }
+        )
+        if not settings.json:
+            tell_notes(settings, path, clip.notes)
+            if not settings.quiet:
+                say(
+                    f"{printable(target)}: {plural(len(clip), 'frame')}, {clip.duration:.1f} s, "
+                    f"of {printable(path)}"
+                )
+    if settings.json:
+        write_json({"clips": entries, "written": len(entries) - failed, "failed": failed})
+    if failed:
+        raise typer.Exit(ClipError.exit_code)
+
+
+def _targets(paths: list[Path], output: Path, format: str | None) -> list[Path]:
+    """The file to write for each video.
+
+    Raises:
+        UsageError: the format is unknown, or a file would be written twice or over a video.
+    """
+    from actioncli.clips.write import WRITERS
+
+    if format is not None and format not in WRITERS:
+        raise UsageError(f"--format is one of {', '.join(WRITERS)}, not {format!r}.")
+    if len(paths) == 1 and not output.is_dir():
+        if format is None and output.suffix.lower().removeprefix(".") not in WRITERS:
+            raise UsageError(
+                f"{output}: its name does not say how to write it; end it in "
+                f"{', '.join('.' + kind for kind in WRITERS)}, or give --format."
+            )
+        targets = [output]
+    else:
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(
+                f"{output}: several videos are written to a folder, and this is none: "
+                f"{error.strerror}."
+            ) from error
+        targets = [output / f"{path.stem}.{format or 'npz'}" for path in paths]
+    twice = next((target for target in targets if targets.count(target) > 1), None)
+    if twice is not None:
+        raise UsageError(f"{twice}: two of the videos have this name; extract them one by one.")
+    written_over = {path.resolve() for path in paths} & {target.resolve() for target in targets}
+    if written_over:
+        raise UsageError(f"{written_over.pop()}: is one of the videos; it is not written over.")
+    return targets

@@ -1,0 +1,126 @@
+"""Write a clip to a file that `read_clip` reads back."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import IO, Any
+
+import numpy as np
+
+from actioncli.clips.clip import Clip
+from actioncli.errors import ClipError, UsageError
+
+
+def write_clip(path: str | os.PathLike[str], clip: Clip, format: str | None = None) -> None:
+    """Write a clip; a file of that name is replaced, whole or not at all.
+
+    `npz` and `json` keep everything but source and notes; `csv` keeps the confidence; `trc`, which
+    other programs for motion analysis read, has no place for it. Neither of the two says which
+    axis points up: reading them may need `--up y`.
+
+    Args:
+        format: one of `WRITERS`; None: what the suffix says.
+
+    Raises:
+        UsageError: no such format.
+        ClipError: the file cannot be written.
+    """
+    file = Path(path)
+    kind = format or file.suffix.lower().removeprefix(".")
+    if kind not in WRITERS:
+        raise UsageError(f"{file}: clips are written as {', '.join(WRITERS)}, not as {kind!r}.")
+    part: Path | None = None
+    try:
+        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.", suffix=".part")
+        part = Path(name)
+        with os.fdopen(handle, "wb") as stream:
+            WRITERS[kind](stream, clip)
+        part.chmod(0o666 & ~_umask())
+        part.replace(file)
+    except OSError as error:
+        if part is not None:
+            part.unlink(missing_ok=True)
+        raise ClipError(f"{file}: cannot be written: {error.strerror}.") from error
+
+
+def _umask() -> int:
+    # There is no other way to ask for it.
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def _write_npz(stream: IO[bytes], clip: Clip) -> None:
+    seen: dict[str, Any] = {} if clip.confidence is None else {"confidence": clip.confidence}
+    np.savez_compressed(
+        stream,
+        joints=clip.joints,
+        joint_names=np.array(clip.joint_names),
+        fps=np.float64(clip.fps),
+        unit=np.array("m"),
+        up=np.array("y"),
+        **seen,
+    )
+
+
+def _write_json(stream: IO[bytes], clip: Clip) -> None:
+    content: dict[str, object] = {
+        "joint_names": clip.joint_names,
+        "fps": clip.fps,
+        "unit": "m",
+        "up": "y",
+        "joints": np.round(clip.joints.astype(float), 5).tolist(),
+    }
+    if clip.confidence is not None:
+        content["confidence"] = np.round(clip.confidence.astype(float), 4).tolist()
+    stream.write(json.dumps(content).encode("ascii"))
+
+
+def _write_csv(stream: IO[bytes], clip: Clip) -> None:
+    lines = _Text(stream)
+    table = csv.writer(lines, lineterminator="\n")
+    header = [f"{name}_{axis} (m)" for name in clip.joint_names for axis in "xyz"]
+    if clip.confidence is not None:
+        header += [f"{name}_visibility" for name in clip.joint_names]
+    table.writerow(["time (s)", *header])
+    for at, frame in enumerate(clip.joints):
+        seen = [] if clip.confidence is None else [f"{c:.4f}" for c in clip.confidence[at]]
+        table.writerow([f"{at / clip.fps:.6f}", *(f"{x:.5f}" for x in frame.ravel()), *seen])
+
+
+def _write_trc(stream: IO[bytes], clip: Clip) -> None:
+    frames, joints, _ = clip.joints.shape
+    rate = f"{clip.fps:g}"
+    lines = _Text(stream)
+    lines.write(f"PathFileType\t4\t(X/Y/Z)\t{Path(clip.source).stem}.trc\n")
+    lines.write(
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\t"
+        "OrigNumFrames\n"
+    )
+    lines.write(f"{rate}\t{rate}\t{frames}\t{joints}\tm\t{rate}\t1\t{frames}\n")
+    lines.write("Frame#\tTime\t" + "\t\t\t".join(clip.joint_names) + "\t\t\n")
+    lines.write("\t\t" + "\t".join(f"{a}{j + 1}" for j in range(joints) for a in "XYZ") + "\n\n")
+    for at, frame in enumerate(clip.joints):
+        cells = [str(at + 1), f"{at / clip.fps:.6f}", *(f"{x:.5f}" for x in frame.ravel())]
+        lines.write("\t".join(cells) + "\n")
+
+
+class _Text:
+    """Lets text be written to a binary stream without closing it at the end."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return self._stream.write(text.encode("utf-8"))
+
+
+WRITERS: Mapping[str, Callable[[IO[bytes], Clip], None]] = MappingProxyType(
+    {"npz": _write_npz, "json": _write_json, "trc": _write_trc, "csv": _write_csv}
+)
