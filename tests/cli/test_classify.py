@@ -121,18 +121,6 @@ def test_weights_that_cannot_be_used_are_code_6(
         assert str(weights) in result.stderr
 
 
-def test_tau_is_the_stored_one_unless_it_is_given(invoke: Invoke, filled: SupportStore) -> None:
-    def used(*words: str) -> float:
-        told = json.loads(invoke("classify", SQUAT, "--json", *words).stdout)
-        assert told["clips"][0]["tau"] == told["tau"]
-        return float(told["tau"])
-
-    assert used() == 0.5
-    filled.set_setting("tau", "0.625")
-    assert used() == 0.625
-    assert used("--tau", "0.75") == 0.75
-
-
 def test_a_support_set_that_cannot_be_written_is_enough(
     run: Run, filled: SupportStore, tmp_path: Path
 ) -> None:

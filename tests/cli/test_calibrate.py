@@ -1,0 +1,252 @@
+"""calibrate, and what classify makes of it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli import Recognizer, SupportStore
+from actioncli.calibration import KINDS, TAUS
+from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+
+from .conftest import ACTIONS, EXAMPLES, Invoke
+from .test_json_keys import documented, found
+
+SQUAT = EXAMPLES / "squat/ada.npz"
+# One false accept of four clips is within 25 %, so the few examples are enough to tell.
+LOOSE = ["--target-far", "0.25"]
+
+
+@pytest.fixture
+def several(invoke: Invoke, store: SupportStore) -> SupportStore:
+    """Four actions with two or three examples each, and one of which there is only one."""
+    for folder in ("squat", "wave_right", "kick_right", "jumping_jack", "bow"):
+        assert invoke("enroll", folder, EXAMPLES / folder, "-q").exit_code == 0
+    return store
+
+
+@pytest.fixture
+def checksum() -> str:
+    return Recognizer().weights.checksum
+
+
+def test_the_table_is_told_and_the_threshold_kept_and_used(
+    invoke: Invoke, several: SupportStore, checksum: str
+) -> None:
+    result = invoke("calibrate", *LOOSE)
+    assert result.exit_code == 0
+    header, *lines = result.stdout.splitlines()
+    assert header.split() == ["tau", "false", "accepts", "false", "rejects", "misnamed"]
+    [recommended] = [line for line in lines if line.endswith("<- recommended")]
+    tau = float(recommended.split()[0])
+    assert lines[-1] == f"tau {tau:g}: kept, classify uses it unless --tau is given"
+    assert kept_threshold(several) == Threshold(tau, checksum, {})
+    assert "1 of 5 actions have one example" in result.stderr
+
+    def used(*words: str) -> float:
+        told = json.loads(invoke("classify", SQUAT, "--json", *words).stdout)
+        assert told["clips"][0]["tau"] == told["tau"]
+        return float(told["tau"])
+
+    assert used() == tau
+    assert used("--tau", "0.75") == 0.75
+    assert invoke("calibrate", "--reset", "-q").output == ""
+    assert used() == 0.5
+
+
+def test_json(invoke: Invoke, several: SupportStore, checksum: str) -> None:
+    told = json.loads(invoke("calibrate", *LOOSE, "--json").stdout)
+    assert (told["measured"], told["kept"], told["weights"]) == (True, True, checksum)
+    taus = [row["tau"] for row in told["table"]]
+    assert taus == sorted({*TAUS, told["tau"]})
+    cohort = len(Recognizer().cohort)
+    [row] = [row for row in told["table"] if row["tau"] == told["tau"]]
+    assert row["false_accepts"]["of"] == 12 + cohort
+    assert row["false_accepts"]["rate"] <= 0.25
+    # Eleven of the twelve examples have another of their action.
+    assert (row["false_rejects"]["of"], row["misnamed"]["of"]) == (11, 11)
+    assert [kind["kind"] for kind in told["unknown"]] == list(KINDS)
+    assert [kind["false_accepts"]["of"] for kind in told["unknown"]] == [12, 0, cohort]
+    nothing = told["unknown"][1]["false_accepts"]
+    assert nothing == {"count": 0, "of": 0, "rate": None, "low": 0, "high": 1}
+    assert [action["examples"] for action in told["actions"]] == [1, 3, 2, 3, 3]
+    assert sum(action["false_rejects"]["of"] for action in told["actions"]) == 11
+    assert sum(action["false_accepts"]["of"] for action in told["actions"]) == 12 + cohort
+
+
+def test_keys_are_the_documented_ones(invoke: Invoke, several: SupportStore) -> None:
+    help_text = invoke("calibrate", "--help").stdout
+    keys = found(json.loads(invoke("calibrate", "--json").stdout), "", {})
+    rates = {
+        path: keys.pop(path) for path in list(keys) if path.endswith(("s", "d")) and "." in path
+    }
+    documentation = documented(help_text)
+    figures = documentation.pop(".false_accepts, .false_rejects, .misnamed")
+    reset = documentation.pop("With --reset")
+    assert keys == documentation
+    assert {path.rpartition(".")[2] for path in rates} == {
+        "false_accepts",
+        "false_rejects",
+        "misnamed",
+    }
+    assert all(names == figures for names in rates.values())
+    assert set(json.loads(invoke("calibrate", "--reset", "--json").stdout)) == reset
+
+
+def test_nothing_is_kept_where_nothing_can_be_told(invoke: Invoke, filled: SupportStore) -> None:
+    keep_threshold(filled, Threshold(0.9, "abc"))
+    words = ["calibrate", "--target-far", "0.001"]
+    dry = json.loads(invoke(*words, "--dry-run", "--json").stdout)
+    assert (dry["tau"], dry["measured"], dry["kept"]) == (0.5, False, False)
+    assert kept_threshold(filled) == Threshold(0.9, "abc")
+    result = invoke(*words)
+    assert result.exit_code == 0
+    assert kept_threshold(filled) is None
+    assert "<- recommended" not in result.stdout
+    assert result.stdout.endswith("tau 0.5, as without calibration: nothing else can be told\n")
+    assert "false accept rate of 0.001 needs 1000" in result.stderr
+    assert "False rejects cannot be told: every action has one example" in result.stderr
+    assert "none asked" in result.stdout
+
+
+def test_dry_run_keeps_nothing(invoke: Invoke, several: SupportStore) -> None:
+    result = invoke("calibrate", *LOOSE, "--dry-run")
+    assert result.stdout.endswith(": not kept\n")
+    assert kept_threshold(several) is None
+
+
+def test_clips_that_show_nothing_are_read_from_anywhere(
+    invoke: Invoke, several: SupportStore, tmp_path: Path
+) -> None:
+    words = ["calibrate", *LOOSE, "--json", "--dry-run"]
+    punch = EXAMPLES / "punch_right/dev.npz"
+    result = invoke(*words, "--negatives", EXAMPLES / "wave_left", "--negatives", punch)
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["unknown"][1]["false_accepts"]["of"] == 3
+    assert len(several.negatives()) == 0
+
+    text = tmp_path / "text.npy"
+    text.write_text("this is no array")
+    result = invoke(*words, "--negatives", text, "--negatives", punch)
+    assert result.exit_code == 3
+    assert f"error: {text}" in result.stderr
+    told = json.loads(result.stdout)
+    assert (told["failed"], told["unknown"][1]["false_accepts"]["of"]) == (1, 1)
+
+
+def test_stored_negatives_are_asked_too(invoke: Invoke, several: SupportStore) -> None:
+    invoke("enroll", "--negative", EXAMPLES / "wave_left", EXAMPLES / "punch_right")
+    told = json.loads(invoke("calibrate", *LOOSE, "--json").stdout)
+    assert told["unknown"][1]["false_accepts"]["of"] == 3
+
+
+def test_actions_with_thresholds_of_their_own(
+    invoke: Invoke, several: SupportStore, tmp_path: Path
+) -> None:
+    # Four unknown clips near one action are enough at 25 %.
+    told = json.loads(invoke("calibrate", *LOOSE, "--per-action", "--json").stdout)
+    kept = kept_threshold(several)
+    assert kept is not None
+    assert kept.actions
+    taus = {action["label"]: action["tau"] for action in told["actions"]}
+    assert {label: taus[label] for label in kept.actions} == pytest.approx(kept.actions)
+    for action in told["actions"]:
+        if action["label"] in kept.actions:
+            assert action["false_accepts"]["rate"] <= 0.25
+    text = invoke("calibrate", *LOOSE, "--per-action").stdout
+    assert "one of its own: kept" in text or "ones of their own: kept" in text
+    for file in sorted(EXAMPLES.glob("*/*.npz")):
+        [entry] = json.loads(invoke("classify", file, "--json").stdout)["clips"]
+        assert entry["tau"] == pytest.approx(taus[entry["nearest"]])
+        assert entry["accepted"] <= (entry["confidence"] > entry["tau"])
+
+
+def test_a_threshold_of_other_weights_is_told_and_not_used(
+    invoke: Invoke, several: SupportStore, checksum: str
+) -> None:
+    keep_threshold(several, Threshold(0.9, "other", {"squat": 0.8}))
+    result = invoke("classify", SQUAT, "--json")
+    assert json.loads(result.stdout)["tau"] == 0.5
+    assert "0.9, belongs to other weights" in result.stderr
+    assert "other weights" not in invoke("classify", SQUAT, "--json", "--tau", "0.5").stderr
+    assert "measured with other weights" in invoke("calibrate", *LOOSE).stderr
+    kept = kept_threshold(several)
+    assert kept is not None
+    assert kept.weights == checksum
+
+
+def test_clear_forgets_the_threshold(invoke: Invoke, filled: SupportStore, checksum: str) -> None:
+    keep_threshold(filled, Threshold(0.9, checksum))
+    invoke("clear", "--yes")
+    assert kept_threshold(filled) is None
+
+
+def test_a_damaged_threshold_is_code_5_until_it_is_forgotten(
+    invoke: Invoke, filled: SupportStore
+) -> None:
+    filled.set_setting("threshold", "half")
+    result = invoke("classify", SQUAT)
+    assert result.exit_code == 5
+    assert "calibrate --reset" in result.stderr
+    # Enrolment goes on without comparing.
+    result = invoke("enroll", "squat", EXAMPLES / "squat/cleo.npz")
+    assert result.exit_code == 0
+    assert "not compared" in result.stderr
+    assert invoke("calibrate", "--reset").exit_code == 0
+    assert invoke("classify", SQUAT).exit_code in (0, 1)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--target-far", "0"],
+        ["--target-far", "1"],
+        ["--target-far", "nan"],
+        ["--reset", "--per-action"],
+        ["--reset", "--dry-run"],
+        ["--reset", "--negatives", "x.npy"],
+    ],
+)
+def test_wrong_usage(invoke: Invoke, filled: SupportStore, words: list[str]) -> None:
+    result = invoke("calibrate", *words)
+    assert result.exit_code == 2
+    assert words[0] in result.stderr
+
+
+def test_an_empty_support_set_is_code_4(invoke: Invoke, home: Path) -> None:
+    assert invoke("calibrate").exit_code == 4
+    assert invoke("calibrate", "--reset").exit_code == 0
+    assert not home.exists()
+
+
+def test_quiet_tells_the_threshold_only(invoke: Invoke, several: SupportStore) -> None:
+    result = invoke("calibrate", *LOOSE, "-q")
+    assert len(result.stdout.splitlines()) == 1
+    assert result.stdout.startswith("tau ")
+    assert result.stderr == ""
+
+
+def test_calibrated_decisions_keep_the_wanted_rate(
+    invoke: Invoke, several: SupportStore, tmp_path: Path
+) -> None:
+    """What calibrate counts is what classify then does."""
+    folder = tmp_path / "noise"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    clip = several.clip(several.examples("squat")[0].id)
+    for n in range(12):
+        np.savez(
+            folder / f"{n}.npz",
+            joints=clip.joints[rng.permutation(len(clip))],
+            joint_names=clip.joint_names,
+            fps=clip.fps,
+            unit="m",
+            up="y",
+        )
+    told = json.loads(invoke("calibrate", *LOOSE, "--negatives", folder, "--json").stdout)
+    counted = told["unknown"][1]["false_accepts"]
+    decided = json.loads(invoke("classify", folder, "--json").stdout)
+    assert (counted["count"], counted["of"]) == (decided["accepted"], 12)
+    assert counted["rate"] <= 0.25
+    assert len(ACTIONS) == len(several.actions())

@@ -1,0 +1,77 @@
+"""The threshold that is kept in the support set."""
+
+import pytest
+
+from actioncli import Decision, StoreError, SupportStore
+from actioncli.recognizer import Ranked
+from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+
+
+def decision(confidence: float, nearest_negative: float | None = None) -> Decision:
+    return Decision(
+        label="wave",
+        accepted=True,
+        confidence=confidence,
+        tau=0.0,
+        nearest="wave",
+        ranking=(Ranked("wave", 2.0, 1.0, confidence),),
+        nearest_negative=nearest_negative,
+    )
+
+
+@pytest.fixture
+def store(tmp_path: object) -> SupportStore:
+    return SupportStore(f"{tmp_path}/support.db")
+
+
+def test_it_is_kept_replaced_and_forgotten(store: SupportStore) -> None:
+    assert kept_threshold(store) is None
+    first = Threshold(0.625, "abc", {"a wave": 0.25, "ü": 1.0})
+    keep_threshold(store, first)
+    assert kept_threshold(store) == first
+    keep_threshold(store, Threshold(0.5, "def"))
+    assert kept_threshold(SupportStore(store.path)) == Threshold(0.5, "def", {})
+    keep_threshold(store, None)
+    assert kept_threshold(store) is None
+
+
+def test_forgetting_creates_no_store(store: SupportStore) -> None:
+    keep_threshold(store, None)
+    assert not store.path.exists()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "0.5",
+        "[]",
+        '{"tau": 0.5, "weights": "abc"}',
+        '{"tau": 2, "weights": "abc", "actions": {}}',
+        '{"tau": NaN, "weights": "abc", "actions": {}}',
+        '{"tau": 0.5, "weights": "abc", "actions": {"wave": "high"}}',
+        '{"tau": 0.5, "weights": "abc", "actions": [1]}',
+    ],
+)
+def test_a_damaged_one_is_told_and_can_be_forgotten(store: SupportStore, text: str) -> None:
+    store.set_setting("threshold", text)
+    with pytest.raises(StoreError, match="calibrate --reset"):
+        kept_threshold(store)
+    keep_threshold(store, None)
+    assert kept_threshold(store) is None
+
+
+def test_a_decision_is_made_with_the_threshold_of_its_action() -> None:
+    threshold = Threshold(0.5, "abc", {"wave": 0.8})
+    assert (threshold.of("wave"), threshold.of("bow")) == (0.8, 0.5)
+    rejected = threshold.apply(decision(0.8))
+    assert (rejected.accepted, rejected.label, rejected.tau) == (False, None, 0.8)
+    accepted = threshold.apply(decision(0.81))
+    assert (accepted.accepted, accepted.label, accepted.tau) == (True, "wave", 0.8)
+    assert Threshold(0.5, "abc").apply(decision(0.8)).accepted
+
+
+def test_no_threshold_accepts_what_is_nearer_to_a_negative() -> None:
+    threshold = Threshold(0.1, "abc")
+    assert not threshold.apply(decision(0.9, nearest_negative=1.9)).accepted
+    assert threshold.apply(decision(0.9, nearest_negative=2.0)).accepted
