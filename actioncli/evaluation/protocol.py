@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from actioncli.clips.clip import FloatArray
 from actioncli.errors import ClipError, UsageError
 from actioncli.evaluation import metrics
 from actioncli.evaluation.episodes import Episode, Indices, Protocol, possible_ways
-from actioncli.evaluation.result import METRICS, Evaluation, Result, mean_result
+from actioncli.evaluation.result import METRICS, Answers, Evaluation, Result, mean_result
 from actioncli.evaluation.scorer import Scorer
 from actioncli.evaluation.splits import Splits
 from actioncli.evaluation.task import Progress, Steps, Task, possible
@@ -99,11 +99,15 @@ class EpisodeScores:
     def __init__(self) -> None:
         """Start with none."""
         self._values: list[dict[str, float]] = []
-        self._score: list[FloatArray] = []
-        self._hit: list[NDArray[np.bool_]] = []
+        self._answers: list[Answers] = []
 
     def add(
-        self, distance: FloatArray, confidence: FloatArray, target: Indices, tau: float
+        self,
+        distance: FloatArray,
+        confidence: FloatArray,
+        target: Indices,
+        tau: float,
+        clips: tuple[Indices, Indices] | None = None,
     ) -> None:
         """Measure an episode.
 
@@ -112,6 +116,7 @@ class EpisodeScores:
             confidence: (Q, K) that the query shows the action.
             target: (Q,) index of the action it shows, -1 for none of them.
             tau: accept means confidence > tau.
+            clips: (Q,) and (K,), numbers of the queries and of each action's first example.
         """
         nearest = distance.argmin(axis=1)
         score = confidence[np.arange(len(nearest)), nearest]
@@ -132,19 +137,27 @@ class EpisodeScores:
                 "false_reject_rate": metrics.false_reject_rate(inside, tau),
             }
         )
-        self._score.append(score)
-        self._hit.append(hit)
+        nowhere = np.full(len(target), -1)
+        query, example = (nowhere, nowhere) if clips is None else (clips[0], clips[1][nearest])
+        self._answers.append(Answers(score, hit, known, query, example))
 
     def result(self, collection: str, ways: int, classes: int) -> Result:
         """What all episodes together say."""
+        answers = Answers(
+            *(
+                np.concatenate([getattr(each, field.name) for each in self._answers])
+                for field in fields(Answers)
+            )
+        )
         return Result(
             collection=collection,
             ways=ways,
             ways_used=ways,
             classes=classes,
-            queries=sum(map(len, self._score)) / len(self._score),
+            queries=len(answers.score) / len(self._answers),
             values={name: np.array([v[name] for v in self._values]) for name in METRICS},
-            reliability=metrics.reliability(np.concatenate(self._score), np.concatenate(self._hit)),
+            reliability=metrics.reliability(answers.score, answers.hit),
+            answers=answers,
         )
 
 
@@ -160,7 +173,8 @@ def _run(
     asked = EpisodeScores()
     for number in range(episodes):
         episode = task.sampler.episode(ways, number)
-        asked.add(*compare_episode(scorer, embedded, episode), episode.target, tau)
+        clips = task.numbers[episode.queries], task.numbers[episode.support[:, 0]]
+        asked.add(*compare_episode(scorer, embedded, episode), episode.target, tau, clips)
         step(f"{task.name}: {ways}-way")
     return asked.result(task.name, ways, len(task.classes))
 

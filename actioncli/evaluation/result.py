@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from actioncli.evaluation import metrics
 from actioncli.evaluation.metrics import Floats, Reliability
@@ -36,6 +37,25 @@ class Summary:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Answers:
+    """What was answered to the N queries of all episodes of a run.
+
+    Attributes:
+        score: (N,) confidence of the nearest action.
+        hit: (N,) whether the query shows it.
+        known: (N,) whether the query shows any enrolled action.
+        query: (N,) number of the clip in its collection; -1 where clips are not kept.
+        nearest: (N,) that of the nearest action's first example, likewise.
+    """
+
+    score: NDArray[np.float32]
+    hit: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+    query: NDArray[np.intp]
+    nearest: NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Result:
     """One number of ways on one collection, or on the mean of several.
 
@@ -49,6 +69,7 @@ class Result:
         values: (episodes,) for each of `METRICS`.
         reliability: of all queries of all episodes.
         collections: those behind a mean, otherwise empty.
+        answers: to every query; None for a mean.
     """
 
     collection: str
@@ -59,6 +80,7 @@ class Result:
     values: Mapping[str, Floats]
     reliability: Reliability
     collections: tuple[str, ...] = ()
+    answers: Answers | None = None
 
     def __getitem__(self, metric: str) -> Summary:
         values = self.values[metric]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
-from actioncli.evaluation.episodes import Protocol, Sampler
+from actioncli.evaluation.episodes import Indices, Protocol, Sampler
 from actioncli.evaluation.result import Skipped
 from actioncli.evaluation.scorer import Scorer
 from actioncli.evaluation.splits import Splits
@@ -50,12 +50,14 @@ class Task:
         name: of the collection.
         classes: those that episodes draw from, in alphabetical order.
         clips: of these classes only; what the sampler's indices mean.
+        numbers: (N,) which clip of the collection each of them is.
         sampler: of its episodes.
     """
 
     name: str
     classes: tuple[str, ...]
     clips: tuple[Clip, ...]
+    numbers: Indices
     sampler: Sampler
 
     @classmethod
@@ -91,7 +93,8 @@ class Task:
             shots,
             seed,
         )
-        return cls(collection.name, classes, tuple(collection.clips[c] for c in kept), sampler)
+        clips = tuple(collection.clips[c] for c in kept)
+        return cls(collection.name, classes, clips, np.array(kept, np.intp), sampler)
 
     def embed(self, scorer: Scorer, step: Steps) -> NDArray[Any]:
         """Every clip once, a step each."""
