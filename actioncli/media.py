@@ -12,8 +12,10 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
 
 # Options that only one of the two kinds of file understands.
-SKELETON_OPTIONS = frozenset({"layout", "fps", "unit", "up"})
-VIDEO_OPTIONS = frozenset({"start", "end", "quality", "cache", "progress"})
+_SKELETON_OPTIONS = frozenset({"layout", "fps", "unit", "up"})
+_VIDEO_OPTIONS = frozenset({"start", "end", "quality", "person", "cache", "progress"})
+# Among files of joints they would change what is read, and nothing heeds them.
+_MISLEADING = frozenset({"start", "end", "person"})
 
 
 def is_video(path: str | Path) -> bool:
@@ -25,8 +27,8 @@ def read_any(path: str | Path, **options: Any) -> Clip:
     """Read a clip with `read_video_clip` or `read_clip`, whichever fits the file's name.
 
     Args:
-        options: of either function; those that are None count as not given, and those that only
-            concern a video's reading (`cache`, `progress`, `quality`) are left out for skeletons.
+        options: of either function; those that are None count as not given. What only says how
+            to look at a video (`quality`, `cache`, `progress`) is left out for files of joints.
 
     Raises:
         UsageError: an option that would change nothing, such as `fps` for a video.
@@ -34,7 +36,7 @@ def read_any(path: str | Path, **options: Any) -> Clip:
     """
     given = {name: value for name, value in options.items() if value is not None}
     video = is_video(path)
-    for name in sorted(given.keys() & (SKELETON_OPTIONS if video else {"start", "end"})):
+    for name in sorted(given.keys() & (_SKELETON_OPTIONS if video else _MISLEADING)):
         kind = "a video" if video else "a file of joints"
         raise UsageError(f"{path}: --{name} means nothing for {kind}.")
     if video:
@@ -43,5 +45,5 @@ def read_any(path: str | Path, **options: Any) -> Clip:
         return read_video_clip(path, **given)
     from actioncli.clips.read import read_clip
 
-    wanted = {name: value for name, value in given.items() if name not in VIDEO_OPTIONS}
+    wanted = {name: value for name, value in given.items() if name not in _VIDEO_OPTIONS}
     return read_clip(Path(path), **wanted)

@@ -29,6 +29,8 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
     {
         "enroll": "actioncli.cli.enroll:enroll",
         "classify": "actioncli.cli.classify:classify",
+        "watch": "actioncli.cli.watch:watch",
+        "extract": "actioncli.cli.extract:extract",
         "calibrate": "actioncli.cli.calibrate:calibrate",
         "list-support": "actioncli.cli.support:list_support",
         "show": "actioncli.cli.support:show",

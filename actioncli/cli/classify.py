@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -26,6 +27,16 @@ from actioncli.cli.common import (
     used_threshold,
 )
 from actioncli.cli.output import error_entry, number, printable, say, table, write_json
+from actioncli.cli.video import (
+    CacheOption,
+    EndOption,
+    PersonOption,
+    QualityOption,
+    StartOption,
+    check_annotation,
+    checked_quality,
+    write_annotation,
+)
 from actioncli.errors import ClipError, SupportError
 
 if TYPE_CHECKING:
@@ -51,6 +62,17 @@ def classify(
     unit: UnitOption = None,
     up: UpOption = None,
     fps: FpsOption = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    quality: QualityOption = None,
+    person: PersonOption = None,
+    cache: CacheOption = True,
+    annotate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.mp4", help="Write the video with skeleton, label and confidence drawn."
+        ),
+    ] = None,
 ) -> None:
     """Name the action that clips show, or reject them.
 
@@ -62,7 +84,8 @@ def classify(
 
     \b
     Examples:
-      actioncli classify query.npy
+      actioncli classify query.mp4
+      actioncli classify query.mp4 --annotate seen.mp4
       actioncli classify recordings/ --tau 0.7 --top 3
       actioncli classify 'day2/*.npy' --json
 
@@ -78,7 +101,11 @@ def classify(
 
     if tau is not None:
         checked_tau(tau)
-    reading = Reading(layout, unit, up, fps)
+    network = None if quality is None else checked_quality(quality)
+    if annotate is not None:
+        check_annotation(clips, annotate)
+    shown = not settings.quiet
+    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, shown)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
@@ -93,7 +120,7 @@ def classify(
     failed = rejected = 0
     streams = not settings.json and sys.stdout.isatty()
     for path in each_clip(settings, clips, "Classifying", shown=not streams):
-        start = time.perf_counter()
+        begun = time.perf_counter()
         try:
             clip = reading.read(path)
             decision = threshold.apply(recognizer.classify(clip, support, threshold.tau, negatives))
@@ -104,7 +131,9 @@ def classify(
                 {"source": str(path), "error": error_entry(unusable, unusable.exit_code)}
             )
             continue
-        milliseconds = (time.perf_counter() - start) * 1e3
+        milliseconds = (time.perf_counter() - begun) * 1e3
+        if annotate is not None:
+            write_annotation(reading, path, annotate, decision)
         rejected += not decision.accepted
         if settings.json:
             entries.append(_entry(str(path), decision, top, milliseconds))

@@ -152,7 +152,8 @@ def complete_layout(incomplete: str) -> list[str]:
 ClipArguments = Annotated[
     list[Path],
     typer.Argument(
-        metavar="CLIP...", help="Clip files, folders of them, or patterns such as 'day1/*.npy'."
+        metavar="CLIP...",
+        help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
     ),
 ]
 LayoutOption = Annotated[
@@ -182,12 +183,18 @@ WeightsOption = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How to read files that leave something open; see `actioncli.read_clip`."""
+    """How to read files that leave something open, and videos; see `actioncli.media.read_any`."""
 
     layout: str | None = None
     unit: str | None = None
     up: str | None = None
     fps: float | None = None
+    start: float | None = None
+    end: float | None = None
+    quality: str | None = None
+    person: int | None = None
+    cache: bool = True
+    shown: bool = False
 
     def read(self, path: Path) -> Clip:
         """Read one clip.
@@ -195,9 +202,23 @@ class Reading:
         Raises:
             ClipError: it cannot be read or is unsuitable.
         """
-        from actioncli.clips.read import read_clip
+        from actioncli.cli.video import video_progress
+        from actioncli.media import is_video, read_any
 
-        return read_clip(path, layout=self.layout, fps=self.fps, unit=self.unit, up=self.up)
+        with video_progress(path, shown=self.shown and is_video(path)) as progress:
+            return read_any(
+                path,
+                layout=self.layout,
+                fps=self.fps,
+                unit=self.unit,
+                up=self.up,
+                start=self.start,
+                end=self.end,
+                quality=self.quality,
+                person=self.person,
+                cache=self.cache,
+                progress=progress,
+            )
 
 
 def each_clip(
@@ -207,9 +228,14 @@ def each_clip(
 
     What names no file stays as it is: reading it tells what is wrong with it.
     """
-    from actioncli.clips.read import find_clips
+    from actioncli.clips.read import CLIP_SUFFIXES, find_clips
+    from actioncli.media import is_video
+    from actioncli.pose import VIDEO_SUFFIXES
 
-    yield from progress(find_clips(arguments), what, shown=shown and not settings.quiet)
+    found = find_clips(arguments, (*CLIP_SUFFIXES, *VIDEO_SUFFIXES))
+    # A video has a progress bar of its own.
+    shown = shown and not settings.quiet and not any(map(is_video, found))
+    yield from progress(found, what, shown=shown)
 
 
 def report_bad_clip(error: ClipError) -> None:

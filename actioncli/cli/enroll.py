@@ -24,6 +24,14 @@ from actioncli.cli.common import (
     used_threshold,
 )
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
+from actioncli.cli.video import (
+    CacheOption,
+    EndOption,
+    PersonOption,
+    QualityOption,
+    StartOption,
+    checked_quality,
+)
 from actioncli.errors import ClipError, StoreError, UsageError, WeightsError
 
 if TYPE_CHECKING:
@@ -50,7 +58,7 @@ def enroll(
         list[Path] | None,
         typer.Argument(
             metavar="CLIP...",
-            help="Clip files, folders of them, or patterns such as 'day1/*.npy'.",
+            help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
             show_default=False,
         ),
     ] = None,
@@ -63,6 +71,18 @@ def enroll(
     unit: UnitOption = None,
     up: UpOption = None,
     fps: FpsOption = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    quality: QualityOption = None,
+    person: PersonOption = None,
+    cache: CacheOption = True,
+    camera: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Record from this camera; the first one is 0."),
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0.5, max=60, help="How long to record.")
+    ] = 3.0,
 ) -> None:
     """Add clips of an action to the support set.
 
@@ -71,12 +91,17 @@ def enroll(
     reported and left out, and the exit code is 3. A clip that is unlike the other examples of
     its action, or like another action, is added with a warning.
 
+    Of a video, the part in which the person moves is taken, unless --start or --end say
+    otherwise. With --camera, a clip is recorded after a countdown, and refused if the body is
+    not in view.
+
     With --negative, no label is given, and the clips are kept as `negatives`: what is nearer to
     one of them than to every action is rejected.
 
     \b
     Examples:
-      actioncli enroll wave wave.npy
+      actioncli enroll wave wave.mp4
+      actioncli enroll wave --camera 0
       actioncli enroll wave recordings/wave/ --note "living room"
       actioncli enroll squat 'day1/squat_*.json' --unit mm --up y
       actioncli enroll --negative scratching.npy stretching.npy
@@ -90,16 +115,26 @@ def enroll(
     from actioncli.store.names import check_label
 
     paths = [Path(label), *(clips or [])] if negative else clips
-    if not paths:
+    if camera is not None and paths:
+        raise UsageError("--camera records the clip of a label; files are enrolled without it.")
+    if camera is None and not paths:
         raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
     label = NEGATIVES if negative else check_label(label)
-    reading = Reading(layout, unit, up, fps)
+    network = None if quality is None else checked_quality(quality)
+    shown = not settings.quiet
+    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, shown)
     recognizer = _recognizer(settings, weights)
     outcomes: list[tuple[Path, Clip | ClipError]] = []
     embeddings: list[FloatArray] = []
-    for path in each_clip(settings, paths, "Reading"):
+    recorded = [] if camera is None else [Path(f"camera {camera}")]
+    for path in recorded or each_clip(settings, paths or [], "Reading"):
         try:
-            clip = reading.read(path)
+            if camera is not None:
+                from actioncli.cli.camera import record
+
+                clip = record(settings, camera, seconds, checked_quality(quality))
+            else:
+                clip = reading.read(path)
             if recognizer is not None:
                 # A clip that the model cannot use would fail every later classification.
                 embeddings.append(recognizer.embed([clip])[0])

@@ -47,9 +47,9 @@ def extract(
     person: PersonOption = None,
     cache: CacheOption = True,
 ) -> None:
-    """Write the skeleton of the person in a video to a file that enroll and classify read.
+    """Write the skeleton in a video to a file.
 
-    The part in which the person moves is written; --start 0 writes the whole video. A video that
+    What is written, enroll and classify read. The part in which the person moves is written; --start 0 writes the whole video. A video that
     cannot be used is reported and left out, and the exit code is 3.
 
     \b

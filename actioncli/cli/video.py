@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +14,9 @@ import typer
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
+    from actioncli.cli.common import Reading
     from actioncli.pose.video import Progress
+    from actioncli.recognizer import Decision
 
 StartOption = Annotated[
     float | None,
@@ -111,3 +113,44 @@ def video_progress(path: Path, *, shown: bool) -> Iterator[Callable[[Progress], 
         yield show
     finally:
         bar.stop()
+
+
+def check_annotation(clips: Sequence[Path], output: Path) -> None:
+    """Refuse, before anything is read, what --annotate cannot do.
+
+    Raises:
+        UsageError: not one video, or a file that is no new MP4.
+    """
+    from actioncli.media import is_video
+
+    if len(clips) != 1 or not is_video(clips[0]):
+        raise UsageError("--annotate draws on one video: name one, and no other clip.")
+    if output.suffix.lower() != ".mp4":
+        raise UsageError(f"--annotate writes MP4: let {output} end in .mp4.")
+    if output.resolve() == clips[0].resolve():
+        raise UsageError(f"{output}: is the video itself; it is not written over.")
+
+
+def write_annotation(reading: Reading, video: Path, output: Path, decision: Decision) -> None:
+    """Draw skeleton, label, confidence and tau on a video that was just classified.
+
+    Raises:
+        ClipError: the file cannot be written.
+    """
+    from actioncli.pose.annotate import annotate_video
+    from actioncli.pose.video import read_poses
+
+    poses = read_poses(
+        video,
+        reading.start,
+        reading.end,
+        checked_quality(reading.quality),
+        reading.person,
+        reading.cache,
+    )
+    sign = ">" if decision.confidence > decision.tau else "<="
+    verdict = (
+        f"rejected (nearest: {decision.nearest})" if decision.label is None else decision.label
+    )
+    lines = [verdict, f"confidence {decision.confidence:.2f} {sign} tau {decision.tau:.2f}"]
+    annotate_video(video, output, poses, lines)

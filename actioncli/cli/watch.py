@@ -67,7 +67,8 @@ def watch(
 
     Windows of several lengths slide over the poses of one person; one performance is one event,
     told when it is over. A camera's frames that come too late are dropped. A video gives the same
-    events every time. Ctrl-C ends watching.
+    events every time. Ctrl-C ends watching. With --json, every event is a document on a line of
+    its own.
 
     \b
     Examples:
@@ -76,7 +77,7 @@ def watch(
       actioncli watch 0 --exec 'notify-send moved'
 
     \b
-    JSON keys, one line per event:
+    JSON keys:
       label, start, end, confidence
     """
     from actioncli.events import Spotter

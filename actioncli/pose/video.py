@@ -70,6 +70,15 @@ def read_video_clip(
     """
     path = Path(path)
     poses = read_poses(path, start, end, quality, person, cache, progress, rate)
+    return clip_of(poses, path, whole=start is not None or end is not None)
+
+
+def clip_of(poses: Poses, path: Path, whole: bool) -> Clip:
+    """The clip of what was seen, or (not `whole`) of the part in which the person moves.
+
+    Raises:
+        ClipError: no person in most of the frames.
+    """
     present = len(poses.times) / max(len(poses.frames), 1)
     if present < LEAST_PRESENT:
         raise ClipError(
@@ -78,7 +87,7 @@ def read_video_clip(
             "--start and --end, or try --quality accurate."
         )
     clip = poses.to_clip(str(path))
-    if start is not None or end is not None:
+    if whole:
         return clip
     first, last = active_part(clip)
     if first <= 0 and last >= clip.duration:

@@ -1,0 +1,105 @@
+"""The video once more, with skeleton and verdict drawn on it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from actioncli.clips.clip import FloatArray
+from actioncli.errors import ClipError
+from actioncli.pose.frames import VideoFile
+from actioncli.pose.poses import LONGEST_GAP, Poses, resample
+from actioncli.pose.region import Image
+from actioncli.pose.sides import JOINT_NAMES
+
+# Bones by name, with `?` for either side; left is drawn in one colour, right in another.
+_MIDDLE = ("lsho rsho", "lhip rhip")
+_SIDED = (
+    "?sho ?elb", "?elb ?wri", "?wri ?index", "?sho ?hip", "?hip ?kne", "?kne ?ank", "?ank ?heel",
+    "?heel ?foo", "?ank ?foo", "?ear ?eye", "nose ?eye",
+)  # fmt: skip
+# Blue, green, red, as OpenCV has them: they stay apart for the colour-blind too.
+_COLOURS = {"l": (230, 159, 0), "r": (0, 94, 213), "m": (240, 240, 240)}
+_LEAST_VISIBLE = 0.5
+
+
+def bones() -> list[tuple[int, int, tuple[int, int, int]]]:
+    """Columns of both ends and the colour of each bone."""
+    named = [(bone, "m") for bone in _MIDDLE]
+    named += [(bone.replace("?", side), side) for bone in _SIDED for side in "lr"]
+    found = []
+    for bone, side in named:
+        start, end = (JOINT_NAMES.index(joint) for joint in bone.split())
+        found.append((start, end, _COLOURS[side]))
+    return found
+
+
+def annotate_video(video: Path, output: Path, poses: Poses, lines: Sequence[str]) -> int:
+    """Write an MP4 of the looked-at part of a video with the followed person's skeleton.
+
+    Args:
+        lines: text for the upper left corner. Letters that the font lacks become `?`.
+
+    Returns:
+        How many frames were written.
+
+    Raises:
+        ClipError: the video cannot be read, or the file not be written.
+    """
+    source = VideoFile(video)
+    writer = None
+    count = 0
+    try:
+        with tempfile.TemporaryDirectory(dir=output.parent, prefix=".annotate-") as scratch:
+            part = Path(scratch, "part.mp4")
+            for frame in source.frames(float(poses.frames[0]), float(poses.frames[-1])):
+                image = frame.image.copy()
+                _draw(image, poses, frame.time)
+                _write(image, lines)
+                if writer is None:
+                    size = image.shape[1], image.shape[0]
+                    code = cv2.VideoWriter.fourcc(*"mp4v")
+                    writer = cv2.VideoWriter(str(part), code, source.fps, size)
+                    if not writer.isOpened():
+                        raise ClipError(f"{output}: this OpenCV cannot write MP4 videos.")
+                writer.write(image)
+                count += 1
+            if writer is not None:
+                writer.release()
+                part.replace(output)
+    except OSError as error:
+        raise ClipError(f"{output}: cannot be written: {error.strerror}.") from error
+    return count
+
+
+def _draw(image: Image, poses: Poses, time: float) -> None:
+    """The skeleton at a time, between the neighbouring poses."""
+    nearest = int(np.abs(poses.times - time).argmin())
+    if abs(poses.times[nearest] - time) > LONGEST_GAP / 2 or len(poses.times) < 2:
+        return
+    now = np.array([time])
+    points: FloatArray = resample(poses.points, poses.times, now)[0]
+    visible = resample(poses.visibility, poses.times, now)[0] >= _LEAST_VISIBLE
+    width = max(2, round(min(image.shape[:2]) / 200))
+    # Fixed point with 3 binary digits, so that the skeleton does not tremble.
+    at = [(int(x), int(y)) for x, y in np.rint(points.clip(-1e4, 1e5) * 8)]
+    for start, end, colour in bones():
+        if visible[start] and visible[end]:
+            cv2.line(image, at[start], at[end], (0, 0, 0), width + 2, cv2.LINE_AA, 3)
+            cv2.line(image, at[start], at[end], colour, width, cv2.LINE_AA, 3)
+
+
+def _write(image: Image, lines: Sequence[str]) -> None:
+    scale = max(0.4, min(image.shape[:2]) / 700)
+    step = round(34 * scale)
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    texts = [line.encode("ascii", "replace").decode("ascii") for line in lines]
+    width = max(cv2.getTextSize(text, font, scale, 1)[0][0] for text in texts)
+    cv2.rectangle(image, (0, 0), (width + step, step * len(texts) + step // 2), (0, 0, 0), -1)
+    for n, text in enumerate(texts):
+        place = (step // 2, step * (n + 1))
+        cv2.putText(image, text, place, font, scale, (255, 255, 255), 1, cv2.LINE_AA)

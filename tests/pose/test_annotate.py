@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli.errors import ClipError
+from actioncli.pose.annotate import annotate_video, bones
+from actioncli.pose.frames import VideoFile
+from actioncli.pose.poses import Poses
+from actioncli.pose.sides import JOINT_NAMES
+
+from .videos import numbered, write_video
+
+
+def standing(frames: int) -> Poses:
+    """Somebody whose landmarks lie on a diagonal of a 96 by 64 image."""
+    points = np.tile(np.linspace((10, 20), (80, 60), 33), (frames, 1, 1)).astype(np.float32)
+    times = np.arange(frames) / 25
+    world = np.random.default_rng(0).random((frames, 33, 3), np.float32)
+    visible = np.ones((frames, 33), np.float32)
+    return Poses(times, world, visible, points, times, (96, 64))
+
+
+def test_bones_join_each_side() -> None:
+    joined = {(JOINT_NAMES[a], JOINT_NAMES[b]) for a, b, _ in bones()}
+    assert {("lsho", "rsho"), ("lhip", "lkne"), ("rhip", "rkne"), ("relb", "rwri")} <= joined
+    assert all(
+        a[0] == b[0] for a, b in joined - {("lsho", "rsho"), ("lhip", "rhip")} if a != "nose"
+    )
+
+
+def test_every_frame_with_a_skeleton(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", [np.full((64, 96, 3), 90, np.uint8)] * 12)
+    assert annotate_video(video, tmp_path / "out.mp4", standing(12), ["wave"]) == 12
+    images = [frame.image for frame in VideoFile(tmp_path / "out.mp4").frames()]
+    assert len(images) == 12
+    assert all(np.ptp(image[30:]) > 100 for image in images)  # the skeleton
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.mp4", "out.mp4"]
+
+
+def test_only_the_part_that_was_looked_at(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", numbered(30))
+    poses = standing(30).between(0.4, 0.8)
+    assert annotate_video(video, tmp_path / "out.mp4", poses, ["größer"]) == 11
+
+
+def test_nobody_no_skeleton(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", [np.full((64, 96, 3), 90, np.uint8)] * 40)
+    seen = standing(40)
+    short = Poses(
+        seen.times[:5], seen.world[:5], seen.visibility[:5], seen.points[:5], seen.frames, (96, 64)
+    )
+    annotate_video(video, tmp_path / "out.mp4", short, ["a"])
+    last = [frame.image for frame in VideoFile(tmp_path / "out.mp4").frames()][-1]
+    assert np.ptp(last[40:]) < 40
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", numbered(3))
+    with pytest.raises(ClipError, match="cannot be written"):
+        annotate_video(video, tmp_path / "no" / "out.mp4", standing(3), ["a"])
