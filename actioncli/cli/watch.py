@@ -182,10 +182,10 @@ class _Runner:
             "ACTIONCLI_START": f"{event.start:.3f}",
             "ACTIONCLI_END": f"{event.end:.3f}",
         }
+        # Its output goes to standard error: standard output belongs to the events.
+        environment = {**os.environ, **told}
         self.running.append(
-            subprocess.Popen(
-                self.words, env={**os.environ, **told}, stdin=subprocess.DEVNULL, stdout=sys.stderr
-            )
+            subprocess.Popen(self.words, env=environment, stdin=subprocess.DEVNULL, stdout=2)
         )
 
     def wait(self) -> None:

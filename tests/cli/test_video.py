@@ -1,0 +1,205 @@
+"""Videos on the command line: enroll, classify, extract and watch."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from actioncli import SupportStore, read_clip
+from actioncli.cli import camera
+from actioncli.pose.frames import Frame, VideoFile
+
+from .conftest import Invoke
+
+
+@pytest.fixture(scope="module")
+def waving(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seconds of a real man who raises both arms, small."""
+    source = VideoFile(shared / "video" / "wave_two_hands" / "sudC.avi")
+    path = tmp_path_factory.mktemp("video") / "wave.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (320, 320))
+    for frame in source.frames(end=4, rate=5):
+        writer.write(cv2.resize(frame.image[:, 80:560], (320, 320)))
+    writer.release()
+    return path
+
+
+def test_enroll_and_classify_a_video(invoke: Invoke, store: SupportStore, waving: Path) -> None:
+    done = invoke("enroll", "wave", waving, "--start", 0.2, "--end", 1.5)
+    assert done.exit_code == 0, done.stderr
+    assert "wave.mp4 added as example 1 (14 frames, 1.3 s)" in done.stdout
+    (example,) = store.examples()
+    assert (example.joints, example.source) == (33, "wave.mp4")
+    again = invoke("enroll", "wave", waving, "--start", 0.2, "--end", 1.5)
+    assert "already there" in again.stdout
+    seen = json.loads(invoke("classify", waving, "--start", 0.2, "--end", 1.5, "--json").stdout)
+    assert seen["clips"][0]["nearest"] == "wave"
+
+
+def test_annotate(invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path) -> None:
+    output = tmp_path / "seen.mp4"
+    done = invoke("classify", waving, "--annotate", output, "--tau", 1)
+    assert done.exit_code == 1  # nothing is surer than that
+    assert len(list(VideoFile(output).frames())) == 20
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["a.npz", "--annotate", "b.mp4"], "draws on one video"),
+        (["a.mp4", "b.mp4", "--annotate", "c.mp4"], "draws on one video"),
+        (["a.mp4", "--annotate", "b.avi"], "end in .mp4"),
+        (["a.mp4", "--annotate", "a.mp4"], "the video itself"),
+        (["a.mp4", "--quality", "best"], "--quality is fast or accurate"),
+    ],
+)
+def test_what_classify_refuses(
+    invoke: Invoke, filled: SupportStore, words: list[str], message: str
+) -> None:
+    done = invoke("classify", *words)
+    assert done.exit_code == 2
+    assert message in done.stderr
+
+
+@pytest.mark.parametrize("kind", ["npz", "json", "trc", "csv"])
+def test_extract(invoke: Invoke, waving: Path, tmp_path: Path, kind: str) -> None:
+    file = tmp_path / f"wave.{kind}"
+    done = invoke("extract", waving, "-o", file, "--start", 0)
+    assert done.exit_code == 0, done.stderr
+    assert "20 frames, 1.9 s" in done.stdout
+    clip = read_clip(file, up="y")
+    assert clip.joints.shape == (20, 33, 3)
+    assert clip.fps == pytest.approx(10, rel=1e-3)
+
+
+def test_extract_several(invoke: Invoke, waving: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "videos" / "other.mp4"
+    copy.parent.mkdir()
+    copy.write_bytes(waving.read_bytes())
+    broken = tmp_path / "videos" / "zero.mp4"
+    broken.write_bytes(b"no video")
+    done = invoke("extract", waving, copy.parent, "-o", tmp_path / "out", "--start", 0, "--json")
+    assert done.exit_code == 3
+    told = json.loads(done.stdout)
+    assert (told["written"], told["failed"]) == (2, 1)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"wave.npz", "other.npz"}
+    joints = [read_clip(path).joints for path in (tmp_path / "out").iterdir()]
+    np.testing.assert_array_equal(joints[0], joints[1])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["a.mp4", "-o", "a.xyz"], "does not say how to write it"),
+        (["a.mp4", "-o", "a.npz", "--format", "xyz"], "--format is one of"),
+        (["a.mp4", "b/a.mp4", "-o", "{}"], "have this name"),
+    ],
+)
+def test_what_extract_refuses(
+    invoke: Invoke, tmp_path: Path, words: list[str], message: str
+) -> None:
+    done = invoke("extract", *[word.format(tmp_path) for word in words])
+    assert done.exit_code == 2
+    assert message in done.stderr
+
+
+def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_path: Path) -> None:
+    invoke("enroll", "wave", waving, "--start", 0)
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import os, sys\n"
+        "values = [os.environ['ACTIONCLI_' + name] for name in ('LABEL', 'CONFIDENCE')]\n"
+        "open(sys.argv[1], 'a').write(' '.join(values) + '\\n')\n"
+    )
+    told = tmp_path / "it's told.txt"
+    command = f'"{sys.executable}" "{script}" "{told}"'
+    first = invoke("watch", waving, "--json", "--tau", 0, "--exec", command)
+    assert first.exit_code == 0, first.stderr
+    events = [json.loads(line) for line in first.stdout.splitlines()]
+    assert [event["label"] for event in events] == ["wave"]
+    assert set(events[0]) == {"label", "start", "end", "confidence"}
+    assert told.read_text() == f"wave {events[0]['confidence']:.3f}\n"
+    assert invoke("watch", waving, "--json", "--tau", 0).stdout == first.stdout
+    assert invoke("watch", waving, "--tau", 1).stdout == ""
+    assert "wave  (confidence" in invoke("watch", waving, "--tau", 0).stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["a.mp4", "--exec", "no-such-program-here"], 2, "no such program"),
+        (["a.mp4", "--exec", "'"], 2, "is no command"),
+        (["a.mp4"], 3, "No such file"),
+        (["99"], 3, "camera 99: cannot be opened"),
+    ],
+)
+def test_what_watch_refuses(
+    invoke: Invoke, filled: SupportStore, words: list[str], code: int, message: str
+) -> None:
+    done = invoke("watch", *words)
+    assert done.exit_code == code
+    assert message in done.stderr
+
+
+def test_watch_needs_actions(invoke: Invoke) -> None:
+    assert invoke("watch", "a.mp4").exit_code == 4
+
+
+class Paced:
+    """A camera that shows a video: frames at the times at which they would come."""
+
+    dropped = 0
+    video: Path
+
+    def __init__(self, source: int | str) -> None:
+        self.source = source
+
+    def frames(self) -> Iterator[Frame]:
+        for frame in VideoFile(self.video).frames():
+            time.sleep(0.01)
+            yield frame
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+@pytest.fixture
+def at_camera(monkeypatch: pytest.MonkeyPatch) -> type[Paced]:
+    monkeypatch.setattr(camera, "LiveSource", Paced)
+    monkeypatch.setattr(camera, "COUNTDOWN", 0.3)
+    return Paced
+
+
+def test_record(invoke: Invoke, store: SupportStore, waving: Path, at_camera: type[Paced]) -> None:
+    at_camera.video = waving
+    done = invoke("enroll", "wave", "--camera", 0, "--seconds", 1)
+    assert done.exit_code == 0, done.stderr
+    (example,) = store.examples()
+    assert example.source == "camera 0"
+    assert example.frames == 11
+
+
+def test_record_without_a_body(
+    invoke: Invoke, store: SupportStore, tmp_path: Path, at_camera: type[Paced]
+) -> None:
+    path = tmp_path / "empty.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 64))
+    for _ in range(20):
+        writer.write(np.full((64, 64, 3), 128, np.uint8))
+    writer.release()
+    at_camera.video = path
+    done = invoke("enroll", "wave", "--camera", 0, "--seconds", 1)
+    assert done.exit_code == 3
+    assert "not in view in 11 of 11 frames; nothing is enrolled" in done.stderr
+    assert store.examples() == []
+
+
+def test_camera_and_files(invoke: Invoke) -> None:
+    assert invoke("enroll", "wave", "a.npz", "--camera", 0).exit_code == 2
