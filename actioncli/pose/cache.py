@@ -63,7 +63,9 @@ def keep(key: str, poses: Poses) -> None:
     """
     folder = cache_folder()
     with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        # The folder above holds the support set; `mode` is that of the last folder only.
+        folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        folder.mkdir(exist_ok=True, mode=0o700)
         folder.chmod(0o700)  # skeletons and habits are nobody else's business
         # mkstemp gives mode 0600, which the file keeps.
         handle, part = tempfile.mkstemp(dir=folder, suffix=".part")
