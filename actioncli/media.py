@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 # Options that only one of the two kinds of file understands.
 _SKELETON_OPTIONS = frozenset({"layout", "fps", "unit", "up"})
-_VIDEO_OPTIONS = frozenset({"start", "end", "quality", "person", "cache", "progress"})
+_VIDEO_OPTIONS = frozenset({"start", "end", "quality", "person", "cache", "progress", "metrabs"})
+_FOR_METRABS = frozenset({"start", "end", "person", "progress"})
 # Among files of joints they would change what is read, and nothing heeds them.
 _MISLEADING = frozenset({"start", "end", "person"})
 
@@ -29,6 +30,7 @@ def read_any(path: str | Path, **options: Any) -> Clip:
     Args:
         options: of either function; those that are None count as not given. What only says how
             to look at a video (`quality`, `cache`, `progress`) is left out for files of joints.
+            With `metrabs`, a `PoseModel`, that model looks at videos.
 
     Raises:
         UsageError: an option that would change nothing, such as `fps` for a video.
@@ -40,6 +42,12 @@ def read_any(path: str | Path, **options: Any) -> Clip:
         kind = "a video" if video else "a file of joints"
         raise UsageError(f"{path}: --{name} means nothing for {kind}.")
     if video:
+        model = given.pop("metrabs", None)
+        if model is not None:
+            from actioncli.pose.metrabs import read_metrabs_clip
+
+            wanted = {name: value for name, value in given.items() if name in _FOR_METRABS}
+            return read_metrabs_clip(path, model, **wanted)
         from actioncli.pose.video import read_video_clip
 
         return read_video_clip(path, **given)

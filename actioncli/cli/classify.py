@@ -31,10 +31,13 @@ from actioncli.cli.video import (
     CacheOption,
     EndOption,
     PersonOption,
+    PoseModelOption,
+    PoseOption,
     QualityOption,
     StartOption,
     check_annotation,
     checked_quality,
+    chosen_pose_model,
     write_annotation,
 )
 from actioncli.errors import ClipError, SupportError
@@ -67,6 +70,8 @@ def classify(
     quality: QualityOption = None,
     person: PersonOption = None,
     cache: CacheOption = True,
+    pose: PoseOption = "blazepose",
+    pose_model: PoseModelOption = None,
     annotate: Annotated[
         Path | None,
         typer.Option(
@@ -103,9 +108,10 @@ def classify(
         checked_tau(tau)
     network = None if quality is None else checked_quality(quality)
     if annotate is not None:
-        check_annotation(clips, annotate)
+        check_annotation(clips, annotate, pose == "metrabs")
     shown = not settings.quiet
-    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, shown)
+    model = chosen_pose_model(pose, pose_model)
+    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, model, shown)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = store.embeddings(recognizer.weights.checksum, recognizer.embed)

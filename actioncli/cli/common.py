@@ -18,6 +18,7 @@ from actioncli.errors import ActionCliError, ClipError, UsageError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip, FloatArray
+    from actioncli.pose.metrabs import PoseModel
     from actioncli.recognizer import Recognizer
     from actioncli.store.store import SupportStore
     from actioncli.threshold import Threshold
@@ -194,6 +195,7 @@ class Reading:
     quality: str | None = None
     person: int | None = None
     cache: bool = True
+    metrabs: PoseModel | None = None
     shown: bool = False
 
     def read(self, path: Path) -> Clip:
@@ -217,6 +219,7 @@ class Reading:
                 quality=self.quality,
                 person=self.person,
                 cache=self.cache,
+                metrabs=self.metrabs,
                 progress=progress,
             )
 

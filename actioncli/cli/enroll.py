@@ -28,9 +28,12 @@ from actioncli.cli.video import (
     CacheOption,
     EndOption,
     PersonOption,
+    PoseModelOption,
+    PoseOption,
     QualityOption,
     StartOption,
     checked_quality,
+    chosen_pose_model,
 )
 from actioncli.errors import ClipError, StoreError, UsageError, WeightsError
 
@@ -76,6 +79,8 @@ def enroll(
     quality: QualityOption = None,
     person: PersonOption = None,
     cache: CacheOption = True,
+    pose: PoseOption = "blazepose",
+    pose_model: PoseModelOption = None,
     camera: Annotated[
         int | None,
         typer.Option(metavar="N", help="Record from this camera; the first one is 0."),
@@ -122,7 +127,8 @@ def enroll(
     label = NEGATIVES if negative else check_label(label)
     network = None if quality is None else checked_quality(quality)
     shown = not settings.quiet
-    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, shown)
+    model = chosen_pose_model(pose, pose_model)
+    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, model, shown)
     recognizer = _recognizer(settings, weights)
     outcomes: list[tuple[Path, Clip | ClipError]] = []
     embeddings: list[FloatArray] = []

@@ -13,9 +13,12 @@ from actioncli.cli.video import (
     CacheOption,
     EndOption,
     PersonOption,
+    PoseModelOption,
+    PoseOption,
     QualityOption,
     StartOption,
     checked_quality,
+    chosen_pose_model,
     video_progress,
 )
 from actioncli.errors import ClipError, UsageError
@@ -46,11 +49,14 @@ def extract(
     quality: QualityOption = None,
     person: PersonOption = None,
     cache: CacheOption = True,
+    pose: PoseOption = "blazepose",
+    pose_model: PoseModelOption = None,
 ) -> None:
     """Write the skeleton in a video to a file.
 
-    What is written, enroll and classify read. The part in which the person moves is written; --start 0 writes the whole video. A video that
-    cannot be used is reported and left out, and the exit code is 3.
+    What is written, enroll and classify read. The part in which the person moves is taken;
+    --start 0 takes the whole video. A video that cannot be used is reported and left out, and
+    the exit code is 3.
 
     \b
     Examples:
@@ -67,17 +73,22 @@ def extract(
     from actioncli.clips.read import find_clips
     from actioncli.clips.write import write_clip
     from actioncli.pose import VIDEO_SUFFIXES
+    from actioncli.pose.metrabs import read_metrabs_clip
     from actioncli.pose.video import read_video_clip
 
     paths = find_clips(videos, tuple(VIDEO_SUFFIXES))
     targets = _targets(paths, output, format)
     network = checked_quality(quality)
+    model = chosen_pose_model(pose, pose_model)
     entries: list[dict[str, object]] = []
     failed = 0
     for path, target in zip(paths, targets, strict=True):
         try:
             with video_progress(path, shown=not settings.quiet) as progress:
-                clip = read_video_clip(path, start, end, network, person, cache, progress)
+                if model is not None:
+                    clip = read_metrabs_clip(path, model, start, end, person, progress)
+                else:
+                    clip = read_video_clip(path, start, end, network, person, cache, progress)
             write_clip(target, clip, format or (None if target == output else "npz"))
         except ClipError as error:
             failed += 1

@@ -15,6 +15,7 @@ from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
     from actioncli.cli.common import Reading
+    from actioncli.pose.metrabs import PoseModel
     from actioncli.pose.video import Progress
     from actioncli.recognizer import Decision
 
@@ -58,6 +59,19 @@ CacheOption = Annotated[
     bool, typer.Option("--cache/--no-cache", help="Keep poses of videos for the next time.")
 ]
 
+PoseOption = Annotated[
+    str,
+    typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos."),
+]
+PoseModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--pose-model",
+        metavar="FOLDER",
+        help="MeTRAbs model that you have downloaded; its weights are for non-commercial use.",
+    ),
+]
+
 # Reading that is over sooner needs no progress line.
 _PATIENCE_SECONDS = 1.0
 
@@ -74,6 +88,27 @@ def checked_quality(quality: str | None) -> str:
     if quality is not None and quality not in LANDMARKS:
         raise UsageError(f"--quality is {' or '.join(LANDMARKS)}, not {quality!r}.")
     return quality or DEFAULT_QUALITY
+
+
+def chosen_pose_model(pose: str, path: Path | None) -> PoseModel | None:
+    """The MeTRAbs model to use; None for BlazePose.
+
+    Raises:
+        UsageError: the two options do not fit.
+        WeightsError: the model cannot be loaded.
+    """
+    if pose not in ("blazepose", "metrabs"):
+        raise UsageError(f"--pose is blazepose or metrabs, not {pose!r}.")
+    if (pose == "metrabs") != (path is not None):
+        raise UsageError(
+            "--pose metrabs and --pose-model FOLDER belong together: the model is not part of "
+            "actioncli."
+        )
+    if path is None:
+        return None
+    from actioncli.pose.metrabs import load_model
+
+    return load_model(path)
 
 
 @contextlib.contextmanager
@@ -115,7 +150,7 @@ def video_progress(path: Path, *, shown: bool) -> Iterator[Callable[[Progress], 
         bar.stop()
 
 
-def check_annotation(clips: Sequence[Path], output: Path) -> None:
+def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None:
     """Refuse, before anything is read, what --annotate cannot do.
 
     Raises:
@@ -125,6 +160,8 @@ def check_annotation(clips: Sequence[Path], output: Path) -> None:
 
     if len(clips) != 1 or not is_video(clips[0]):
         raise UsageError("--annotate draws on one video: name one, and no other clip.")
+    if metrabs:
+        raise UsageError("--annotate draws what BlazePose sees; leave out --pose metrabs.")
     if output.suffix.lower() != ".mp4":
         raise UsageError(f"--annotate writes MP4: let {output} end in .mp4.")
     if output.resolve() == clips[0].resolve():

@@ -23,7 +23,7 @@ SAME_PERSON = 0.3
 SAME_PLACE = 0.6
 
 
-@dataclass
+@dataclass(eq=False)
 class Track:
     """One person over time.
 
