@@ -12,18 +12,21 @@ Each clip is one query, answered as `Recognizer.classify` would answer it:
 An unknown clip counts once, with the action nearest to it, not once for each action: a rate of
 false accepts over pairs of clip and action would be smaller than what the user meets.
 
-What the figures cannot tell: the intervals take clips for independent draws, while those of one
-person and one session are alike, so they are too narrow rather than too wide. Examples of one
-recording session make false rejects look rarer than they are for other people and other days. A
-motion of the cohort may happen to show an enrolled action, which counts as a false accept, and
-the weights were trained on the cohort's motions.
+How many clips there are is not how much they tell: five examples of one action are taken for
+another action all together or not at all. So they count as one *motion* where intervals are
+computed and where a threshold is recommended. Negatives count one by one; they should be varied.
+
+What the figures cannot tell: examples of one person and one session make false rejects look rarer
+than they are for other people and other days. A motion of the cohort may happen to show an
+enrolled action, which counts as a false accept, and the weights were trained on the cohort's
+motions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, floor, nan, sqrt
+from math import ceil, nan, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,10 +56,11 @@ Progress = Callable[[Sequence[int]], Iterable[int]]
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """`count` of `of` clips, as a rate with its 95 % interval."""
+    """`count` of `of` clips, which show `motions` motions, as a rate with its 95 % interval."""
 
     count: int
     of: int
+    motions: int
 
     @property
     def rate(self) -> float:
@@ -65,19 +69,19 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's score interval, which holds for few clips and rates near 0 and 1.
+        """Wilson's score interval, which holds for few draws and rates near 0 and 1.
 
         E. B. Wilson: Probable Inference, the Law of Succession, and Statistical Inference, 1927.
-        (0, 1) where there are no clips.
+        The draws are the motions. (0, 1) where there are no clips.
         """
         if not self.of:
             return 0.0, 1.0
-        n, p, z2 = self.of, self.rate, _Z95 * _Z95
+        n, p, z2 = self.motions, self.rate, _Z95 * _Z95
         middle = (p + z2 / (2 * n)) / (1 + z2 / n)
         half = _Z95 / (1 + z2 / n) * sqrt(p * (1 - p) / n + z2 / (4 * n * n))
         return (
             0.0 if self.count == 0 else max(0.0, middle - half),
-            1.0 if self.count == n else min(1.0, middle + half),
+            1.0 if self.count == self.of else min(1.0, middle + half),
         )
 
 
@@ -89,13 +93,24 @@ class Queries:
         score: (N,) confidence of the nearest action; 0, which no threshold accepts, where a
             negative is nearer.
         nearest: (N,) number of that action.
+        motion: (N,) queries with the same number show the same motion.
     """
 
     score: NDArray[np.float64]
     nearest: NDArray[np.intp]
+    motion: NDArray[np.intp]
 
     def __len__(self) -> int:
         return len(self.score)
+
+    @property
+    def motions(self) -> int:
+        """How many different motions they show."""
+        return len(np.unique(self.motion))
+
+    def of(self, chosen: NDArray[np.bool_]) -> Queries:
+        """Those for which `chosen` (N,) is true."""
+        return Queries(self.score[chosen], self.nearest[chosen], self.motion[chosen])
 
     def accepted(self, tau: ArrayLike) -> NDArray[np.bool_]:
         """(N,), under one threshold or under those of the K actions."""
@@ -128,6 +143,7 @@ class Trials:
         return Queries(
             np.concatenate([part.score for part in parts]),
             np.concatenate([part.nearest for part in parts]),
+            np.concatenate([part.motion for part in parts]),
         )
 
     def false_accepts(
@@ -141,20 +157,19 @@ class Trials:
             action: count those nearest to one action only.
         """
         queries = self.all_unknown() if kind is None else self.unknown[kind]
-        asked = slice(None) if action is None else queries.nearest == action
-        accepted = queries.accepted(tau)[asked]
-        return Rate(int(accepted.sum()), len(accepted))
+        if action is not None:
+            queries = queries.of(queries.nearest == action)
+        return Rate(int(queries.accepted(tau).sum()), len(queries), queries.motions)
 
     def false_rejects(self, tau: ArrayLike, action: int | None = None) -> Rate:
         """Known queries, of one action or of all, that are rejected."""
-        asked = slice(None) if action is None else self.shown == action
-        accepted = self.known.accepted(tau)[asked]
-        return Rate(int((~accepted).sum()), len(accepted))
+        queries = self.known if action is None else self.known.of(self.shown == action)
+        return Rate(int((~queries.accepted(tau)).sum()), len(queries), queries.motions)
 
     def misnamed(self, tau: ArrayLike) -> Rate:
         """Known queries that are accepted as another action than the one they show."""
         wrong = self.known.accepted(tau) & (self.known.nearest != self.shown)
-        return Rate(int(wrong.sum()), len(wrong))
+        return Rate(int(wrong.sum()), len(wrong), self.known.motions)
 
 
 def run_trials(
@@ -187,15 +202,16 @@ def run_trials(
 
     distance, confidence, shadow = _compare(recognizer, queries, support, negatives, progress)
     n, m = len(examples), len(examples) + len(negatives) + len(others)
+    motion = np.concatenate([shown, len(counts) + np.arange(len(queries) - n)])
     unknown = {
-        "negatives": _decide(distance[n:m], confidence[n:m], shadow[n:m]),
-        "cohort": _decide(distance[m:], confidence[m:], shadow[m:]),
+        "negatives": _decide(distance[n:m], confidence[n:m], shadow[n:m], motion[n:m]),
+        "cohort": _decide(distance[m:], confidence[m:], shadow[m:], motion[m:]),
     }
     own = (np.arange(n), shown)
     apart = distance[:n].copy()
     apart[own] = np.inf
     asked = slice(0, n if len(counts) > 1 else 0)  # one action leaves no other to be taken for
-    unknown["actions"] = _decide(apart[asked], confidence[:n][asked], shadow[:n][asked])
+    unknown["actions"] = _decide(apart[asked], confidence[asked], shadow[asked], motion[asked])
 
     left = np.flatnonzero(np.asarray(counts)[shown] > 1)
     rows, sure = distance[:n].copy(), confidence[:n].copy()
@@ -210,7 +226,8 @@ def run_trials(
     return Trials(
         labels=tuple(support),
         examples=tuple(counts),
-        known=_decide(rows[left], sure[left], shadow[left]),
+        # Examples are rejected one by one, for being bad ones.
+        known=_decide(rows[left], sure[left], shadow[left], np.arange(len(left))),
         shown=shown[left],
         unknown={kind: unknown[kind] for kind in KINDS},
     )
@@ -243,12 +260,14 @@ def _among(clip: FloatArray, clips: FloatArray) -> bool:
     return any(np.array_equal(clip, other) for other in clips)
 
 
-def _decide(distance: FloatArray, confidence: FloatArray, shadow: FloatArray) -> Queries:
+def _decide(
+    distance: FloatArray, confidence: FloatArray, shadow: FloatArray, motion: NDArray[np.intp]
+) -> Queries:
     """The nearest action of each query, as `classify` chooses it."""
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(nearest))
     score = np.where(shadow < distance[rows, nearest], 0.0, confidence[rows, nearest])
-    return Queries(score.astype(np.float64), nearest)
+    return Queries(score.astype(np.float64), nearest, motion)
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,8 +275,8 @@ class Recommendation:
     """A threshold, and whether it was measured.
 
     Attributes:
-        tau: the smallest threshold with at most the wanted rate of false accepts; 0.5 where
-            that cannot be told.
+        tau: the smallest threshold that holds the wanted rate of false accepts; 0.5 where that
+            cannot be told.
         measured: whether it could be told.
         actions: thresholds of the actions with enough unknown clips nearest to them; empty
             unless they were asked for.
@@ -271,48 +290,54 @@ class Recommendation:
 
 
 def recommend(trials: Trials, target_far: float, per_action: bool = False) -> Recommendation:
-    """The smallest threshold with at most `target_far` false accepts.
+    """The smallest threshold that holds false accepts at `target_far`.
 
-    The rate must hold for all unknown clips together and for each kind that has enough of them
-    to tell, so that a large cohort does not outvote what the user showed. Enough means that a
-    single false accept does not exceed the wanted rate: 20 clips for 0.05.
+    It is chosen so that the next unknown motion, if it comes from where these came from, is
+    accepted with at most that probability: of n motions a are accepted, and (a + 1) / (n + 1) is
+    at most the wanted rate (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic
+    Learning in a Random World, 2005). So it takes 19 motions for 0.05, none of them accepted;
+    choosing by a / n would promise too much, for the threshold is fitted to these motions.
+
+    The rate must hold for all unknown motions together and for each kind that has enough of them
+    to tell, so that a large cohort does not outvote what the user showed.
 
     Args:
         trials: from `run_trials`.
         target_far: wanted rate of false accepts, in (0, 1).
-        per_action: give each action a threshold of its own. Among the unknown clips nearest to
-            it at most `target_far` are accepted, so this holds for all clips too.
+        per_action: give each action a threshold of its own, which holds the rate among the
+            unknown motions nearest to it, and so for all motions.
     """
-    needed = ceil(1 / target_far - 1e-9)
+    needed = ceil(1 / target_far - 1 - 1e-9)
     unknown = trials.all_unknown()
     notes = _unmeasured(trials)
-    if len(unknown) < needed:
+    if unknown.motions < needed:
         notes.append(
-            f"Too few clips that show none of the actions to tell: {len(unknown)}, and a false "
-            f"accept rate of {target_far:g} needs {needed}. Keep some with `actioncli enroll "
-            "--negative CLIP...`, or name some with --negatives."
+            f"Too few motions other than the actions to tell: {unknown.motions}, and a false "
+            f"accept rate of {target_far:g} needs {needed}. Examples of one action count as one "
+            "motion. Keep clips of other motions with `actioncli enroll --negative CLIP...`, or "
+            "name some with --negatives."
         )
         return Recommendation(DEFAULT_TAU, False, {}, tuple(notes))
-    enough = [part.score for part in trials.unknown.values() if len(part) >= needed]
-    tau = max(_smallest(score, target_far) for score in [unknown.score, *enough])
+    enough = [part for part in trials.unknown.values() if part.motions >= needed]
+    tau = max(_smallest(queries, target_far) for queries in [unknown, *enough])
     if tau >= 1:
         notes.append(
-            f"No threshold below 1 keeps false accepts at {target_far:g}: clips that show none "
-            "of the actions are taken for one with full confidence. Enrol such clips with "
-            "`actioncli enroll --negative CLIP...`."
+            f"No threshold below 1 holds false accepts at {target_far:g}: motions other than the "
+            "actions are taken for one with full confidence. Enrol clips of such with `actioncli "
+            "enroll --negative CLIP...`."
         )
         return Recommendation(DEFAULT_TAU, False, {}, tuple(notes))
     for kind in KINDS:
-        if 0 < len(trials.unknown[kind]) < needed:
+        if 0 < trials.unknown[kind].motions < needed:
             notes.append(
-                f"Too few clips of the kind `{kind}` to tell by themselves: "
-                f"{trials.false_accepts(tau, kind).of} of {needed}."
+                f"Too few motions of the kind `{kind}` to tell by themselves: "
+                f"{trials.unknown[kind].motions} of {needed}."
             )
     low, high = trials.false_accepts(tau).interval
     if high > 2 * target_far:
         notes.append(
-            f"{len(unknown)} clips that show none of the actions are few: the rate of false "
-            f"accepts may be anything from {low:.2f} to {high:.2f}."
+            f"{unknown.motions} motions other than the actions are few: the rate of false accepts "
+            f"may be anything from {low:.2f} to {high:.2f}."
         )
     rejects = trials.false_rejects(tau)
     low, high = rejects.interval
@@ -329,25 +354,30 @@ def recommend(trials: Trials, target_far: float, per_action: bool = False) -> Re
         )
     actions = {}
     for action, label in enumerate(trials.labels if per_action else ()):
-        score = unknown.score[unknown.nearest == action]
-        if len(score) >= needed and (smallest := _smallest(score, target_far)) < 1:
+        near = unknown.of(unknown.nearest == action)
+        if near.motions >= needed and (smallest := _smallest(near, target_far)) < 1:
             actions[label] = smallest
     if per_action and len(actions) < len(trials.labels):
         notes.append(
             f"{len(trials.labels) - len(actions)} of {len(trials.labels)} actions have too few "
-            f"unknown clips near them for a threshold of their own ({needed} are needed); the "
+            f"other motions near them for a threshold of their own ({needed} are needed); the "
             "common one holds for them."
         )
     return Recommendation(tau, True, actions, tuple(notes))
 
 
-def _smallest(score: NDArray[np.float64], target_far: float) -> float:
-    """The smallest threshold that accepts at most a share of the scores, rounded up.
+def _smallest(queries: Queries, target_far: float) -> float:
+    """The smallest threshold that holds the rate on enough queries, rounded up.
 
     Accepting means score > tau, so it is the largest score that must not be accepted.
     """
-    allowed = floor(target_far * len(score) + 1e-9)
-    bound = float(np.sort(score)[len(score) - 1 - allowed])
+    _, motion, clips = np.unique(queries.motion, return_inverse=True, return_counts=True)
+    allowed = target_far * (len(clips) + 1) - 1 + 1e-9
+    falling = np.argsort(-queries.score)
+    too_many = np.cumsum((1 / clips[motion])[falling]) > allowed
+    if not too_many.any():
+        return 0.0
+    bound = float(queries.score[falling[too_many.argmax()]])
     step = ceil(bound * _STEPS)
     # The product may have been rounded down to a whole number.
     return (step if step / _STEPS >= bound else step + 1) / _STEPS

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from actioncli import Recognizer, SupportError, read_clip, read_collection
 from actioncli.calibration import KINDS, Queries, Rate, Trials, recommend, run_trials
@@ -41,7 +42,12 @@ def trials_of(
 
     def queries(rows: list[tuple[float, int]]) -> Queries:
         table = np.array(rows, np.float64).reshape(-1, 2)
-        return Queries(table[:, 0], table[:, 1].astype(np.intp))
+        return Queries(table[:, 0], table[:, 1].astype(np.intp), next_motions(len(table)))
+
+    counter = iter(range(10_000))
+
+    def next_motions(n: int) -> NDArray[np.intp]:
+        return np.array([next(counter) for _ in range(n)], np.intp)
 
     known = known or []
     shown = np.array([each[2] for each in known], np.intp)
@@ -69,12 +75,13 @@ def trials_of(
     ],
 )
 def test_the_interval_is_wilsons(count: int, of: int, low: float, high: float) -> None:
-    assert Rate(count, of).interval == pytest.approx((low, high), abs=5e-5)
+    assert Rate(count, of, of).interval == pytest.approx((low, high), abs=5e-5)
 
 
-@given(st.integers(0, 400), st.integers(0, 400))
-def test_an_interval_holds_its_rate(count: int, more: int) -> None:
-    rate = Rate(count, count + more)
+@given(st.integers(0, 400), st.integers(0, 400), st.integers(1, 9))
+def test_an_interval_holds_its_rate(count: int, more: int, alike: int) -> None:
+    of = count + more
+    rate = Rate(count, of, -(-of // alike))
     low, high = rate.interval
     assert 0 <= low <= high <= 1
     if rate.of:
@@ -82,6 +89,10 @@ def test_an_interval_holds_its_rate(count: int, more: int) -> None:
     else:
         assert math.isnan(rate.rate)
         assert (low, high) == (0, 1)
+
+
+def test_clips_of_one_motion_tell_as_much_as_one() -> None:
+    assert Rate(10, 20, 4).interval == pytest.approx(Rate(2, 4, 4).interval)
 
 
 def test_queries_are_answered_as_classify_answers_them(
@@ -109,6 +120,8 @@ def test_queries_are_answered_as_classify_answers_them(
             strangers.append(told(example, others_only, negatives))
     np.testing.assert_allclose(trials.known.score, known, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(trials.unknown["actions"].score, strangers, rtol=1e-4, atol=1e-6)
+    clips = trials.false_accepts(0, "actions")
+    assert (clips.of, clips.motions) == (len(strangers), len(support))
     # A negative is not compared with itself, and one that was also given counts once.
     asked = [
         told(negative, support, np.delete(negatives, n, axis=0))
@@ -124,8 +137,8 @@ def test_one_example_an_action_tells_false_accepts_only(
     support = {name: examples[:1] for name, examples in folders.items()}
     none = recognizer.embed([])
     trials = run_trials(recognizer, support, none, none)
-    assert trials.false_rejects(0.5) == Rate(0, 0)
-    assert trials.misnamed(0.5) == Rate(0, 0)
+    assert trials.false_rejects(0.5) == Rate(0, 0, 0)
+    assert trials.misnamed(0.5) == Rate(0, 0, 0)
     assert trials.false_accepts(0.5, "actions").of == len(support)
     assert trials.false_accepts(0).of == len(support) + len(recognizer.cohort)
     assert trials.false_accepts(1).count == 0
@@ -138,7 +151,7 @@ def test_one_action_meets_no_other(
     none = recognizer.embed([])
     trials = run_trials(recognizer, {"squat": folders["squat"]}, none, none)
     assert len(trials.unknown["actions"]) == 0
-    assert trials.false_rejects(1) == Rate(len(folders["squat"]), len(folders["squat"]))
+    assert trials.false_rejects(1) == Rate(3, 3, 3)
 
 
 def test_nothing_enrolled(recognizer: Recognizer) -> None:
@@ -171,16 +184,43 @@ def test_the_recommended_tau_is_the_smallest_that_keeps_the_rate(
     trials = trials_of([(value, 0) for value in values])
     found = recommend(trials, target)
     assert found.measured
-    assert trials.false_accepts(found.tau).rate <= target
+    n = len(values)
+    assert (trials.false_accepts(found.tau).count + 1) / (n + 1) <= target + 1e-6
     if found.tau > 0:
-        assert trials.false_accepts(found.tau - 0.0011).rate > target
+        assert (trials.false_accepts(found.tau - 0.0011).count + 1) / (n + 1) > target - 1e-6
+
+
+def test_the_next_motion_is_accepted_as_rarely_as_wanted() -> None:
+    rng = np.random.default_rng(0)
+    accepted = []
+    for _ in range(400):
+        found = recommend(trials_of([(score, 0) for score in rng.random(24)]), 0.1)
+        accepted.append(1 - found.tau)  # of scores that are uniform
+    assert np.mean(accepted) == pytest.approx(2 / 25, abs=0.008)
+
+
+def test_clips_of_one_motion_are_not_many_motions() -> None:
+    score = np.repeat([0.9, 0.1], [5, 45])
+    queries = Queries(score, np.zeros(50, np.intp), np.repeat(np.arange(10), 5))
+    nothing = trials_of([]).unknown["cohort"]
+    trials = Trials(
+        ("a", "b"),
+        (1, 1),
+        known=nothing,
+        shown=np.array([], np.intp),
+        unknown={"actions": queries, "negatives": nothing, "cohort": nothing},
+    )
+    # 5 of 50 clips are above 0.1, but they are one motion of ten.
+    assert recommend(trials, 0.1).tau == 0.9
+    assert recommend(trials, 0.2).tau == 0.1
+    assert not recommend(trials, 0.05).measured
 
 
 def test_too_few_clips_are_told() -> None:
-    found = recommend(trials_of([(0.9, 0)] * 19), 0.05)
+    found = recommend(trials_of([(0.9, 0)] * 18), 0.05)
     assert (found.tau, found.measured, found.actions) == (0.5, False, {})
-    assert any("Too few" in note and "19" in note and "20" in note for note in found.notes)
-    assert recommend(trials_of([(0.9, 0)] * 19), 0.06).measured
+    assert any("Too few" in note and "18" in note and "19" in note for note in found.notes)
+    assert recommend(trials_of([(0.9, 0)] * 19), 0.05).measured
     empty = recommend(trials_of([]), 0.05)
     assert (empty.tau, empty.measured) == (0.5, False)
 
@@ -192,7 +232,7 @@ def test_a_large_cohort_does_not_outvote_what_the_user_showed() -> None:
     assert found.tau == 0.8
     few = recommend(trials_of([], negatives=[(0.8, 1)] * 10, cohort=cohort), 0.05)
     assert few.tau == 0.1
-    assert any("`negatives`" in note and "10 of 20" in note for note in few.notes)
+    assert any("`negatives`" in note and "10 of 19" in note for note in few.notes)
 
 
 def test_full_confidence_in_strangers_has_no_threshold() -> None:
@@ -216,17 +256,17 @@ def test_actions_get_thresholds_of_their_own_where_clips_suffice() -> None:
     assert (found.tau, found.actions) == (0.7, {"a": 0.3})
     assert any("1 of 2 actions" in note for note in found.notes)
     taus = [0.3, 0.7]
-    assert trials.false_accepts(taus) == Rate(0, 40)
+    assert trials.false_accepts(taus) == Rate(0, 40, 40)
     # The threshold is that of the nearest action, not of the one that is shown.
-    assert trials.false_rejects(taus) == Rate(0, 3)
-    assert trials.misnamed(taus) == Rate(1, 3)
-    assert trials.false_rejects(0.7) == Rate(2, 3)
-    assert trials.false_rejects(0.7, action=1) == Rate(1, 2)
-    assert trials.false_accepts(0.2, action=1) == Rate(10, 10)
+    assert trials.false_rejects(taus) == Rate(0, 3, 3)
+    assert trials.misnamed(taus) == Rate(1, 3, 3)
+    assert trials.false_rejects(0.7) == Rate(2, 3, 3)
+    assert trials.false_rejects(0.7, action=1) == Rate(1, 2, 2)
+    assert trials.false_accepts(0.2, action=1) == Rate(10, 10, 10)
 
 
 def test_a_shadowed_query_is_accepted_by_no_threshold() -> None:
-    assert trials_of([(0.0, 0)]).false_accepts(0.0) == Rate(0, 1)
+    assert trials_of([(0.0, 0)]).false_accepts(0.0) == Rate(0, 1, 1)
 
 
 def test_real_recordings(recognizer: Recognizer, shared: Path) -> None:

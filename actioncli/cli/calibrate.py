@@ -73,10 +73,10 @@ def calibrate(
     that takes two examples of an action. False accepts are counted on clips that show none of
     the enrolled actions: each example against the other actions, the negatives (`enroll
     --negative`, --negatives), and motions of other people that came with the weights. Each rate
-    stands with its 95 % interval.
+    stands with its 95 % interval, for which examples of one action count as one motion.
 
-    The smallest threshold with at most the wanted rate of false accepts is kept in the support
-    set, and `classify` uses it unless --tau is given. Where there are too few clips to tell,
+    The smallest threshold that holds the wanted rate of false accepts is kept in the support
+    set, and `classify` uses it unless --tau is given. Where there are too few motions to tell,
     none is kept, and `classify` uses 0.5.
 
     \b
@@ -91,7 +91,7 @@ def calibrate(
       table[]: tau, false_accepts, false_rejects, misnamed
       unknown[]: kind, false_accepts
       actions[]: label, examples, tau, false_accepts, false_rejects
-      .false_accepts, .false_rejects, .misnamed: count, of, rate, low, high
+      .false_accepts, .false_rejects, .misnamed: count, of, motions, rate, low, high
     With --reset: tau, kept
     """
     if reset:
@@ -237,6 +237,7 @@ def _entry(rate: Rate) -> dict[str, object]:
     return {
         "count": rate.count,
         "of": rate.of,
+        "motions": rate.motions,
         "rate": number(rate.rate),
         "low": number(low),
         "high": number(high),
