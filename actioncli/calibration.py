@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, nan, sqrt
+from math import ceil, floor, nan, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -293,10 +293,11 @@ def recommend(trials: Trials, target_far: float, per_action: bool = False) -> Re
     """The smallest threshold that holds false accepts at `target_far`.
 
     It is chosen so that the next unknown motion, if it comes from where these came from, is
-    accepted with at most that probability: of n motions a are accepted, and (a + 1) / (n + 1) is
-    at most the wanted rate (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic
-    Learning in a Random World, 2005). So it takes 19 motions for 0.05, none of them accepted;
-    choosing by a / n would promise too much, for the threshold is fitted to these motions.
+    accepted with at most that probability: of n motions the share a / n is accepted, and
+    (a + 1) / (n + 1) is at most the wanted rate (split conformal prediction: Vovk, Gammerman,
+    Shafer, Algorithmic Learning in a Random World, 2005). So it takes 19 motions for 0.05, none
+    of them accepted; choosing by a / n would promise too much, for the threshold is fitted to
+    these motions.
 
     The rate must hold for all unknown motions together and for each kind that has enough of them
     to tell, so that a large cohort does not outvote what the user showed.
@@ -307,7 +308,7 @@ def recommend(trials: Trials, target_far: float, per_action: bool = False) -> Re
         per_action: give each action a threshold of its own, which holds the rate among the
             unknown motions nearest to it, and so for all motions.
     """
-    needed = ceil(1 / target_far - 1 - 1e-9)
+    needed = max(1, ceil(1 / target_far - 1 - 1e-9))
     unknown = trials.all_unknown()
     notes = _unmeasured(trials)
     if unknown.motions < needed:
@@ -371,13 +372,10 @@ def _smallest(queries: Queries, target_far: float) -> float:
 
     Accepting means score > tau, so it is the largest score that must not be accepted.
     """
-    _, motion, clips = np.unique(queries.motion, return_inverse=True, return_counts=True)
-    allowed = target_far * (len(clips) + 1) - 1 + 1e-9
-    falling = np.argsort(-queries.score)
-    too_many = np.cumsum((1 / clips[motion])[falling]) > allowed
-    if not too_many.any():
-        return 0.0
-    bound = float(queries.score[falling[too_many.argmax()]])
+    motions = queries.motions
+    allowed = (target_far * (motions + 1) - 1) / motions * len(queries)
+    accepted = min(floor(allowed + 1e-9), len(queries) - 1)
+    bound = float(np.sort(queries.score)[-1 - accepted])
     step = ceil(bound * _STEPS)
     # The product may have been rounded down to a whole number.
     return (step if step / _STEPS >= bound else step + 1) / _STEPS

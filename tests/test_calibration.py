@@ -221,8 +221,10 @@ def test_too_few_clips_are_told() -> None:
     assert (found.tau, found.measured, found.actions) == (0.5, False, {})
     assert any("Too few" in note and "18" in note and "19" in note for note in found.notes)
     assert recommend(trials_of([(0.9, 0)] * 19), 0.05).measured
-    empty = recommend(trials_of([]), 0.05)
-    assert (empty.tau, empty.measured) == (0.5, False)
+    for target in (0.05, 1 - 1e-12):
+        empty = recommend(trials_of([]), target)
+        assert (empty.tau, empty.measured) == (0.5, False)
+    assert recommend(trials_of([(0.9, 0), (0.4, 0)]), 1 - 1e-12).tau == 0.4
 
 
 def test_a_large_cohort_does_not_outvote_what_the_user_showed() -> None:
