@@ -105,7 +105,7 @@ def calibrate(
     from actioncli.recognizer import Recognizer
     from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 
-    reading = Reading(layout, unit, up, fps)
+    reading = Reading(layout, unit, up, fps, shown=not settings.quiet)
     recognizer = Recognizer(weights)
     checksum = recognizer.weights.checksum
     with settings.open_store() as store:
