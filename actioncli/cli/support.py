@@ -94,7 +94,7 @@ def show(
         bool, typer.Option("--dark", help="Draw on dark paper; .svg follows its reader without.")
     ] = False,
 ) -> None:
-    """Show the examples of one action: as a list, and drawn as skeletons over time.
+    """Show the examples of one action, listed and drawn over time.
 
     The body's left side is blue, its right side orange. Joints that the source had to guess are
     hollow, and bones between them dotted. Pixels need the extra: pip install 'actioncli[report]'.

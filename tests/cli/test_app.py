@@ -196,7 +196,8 @@ _HEAVY = "torch onnxruntime cv2 scipy pydantic rich"
         (["--version"], f"numpy sqlite3 {_HEAVY}"),
         (["--help"], f"numpy sqlite3 {_HEAVY}"),
         (["list-support"], f"numpy {_HEAVY}"),
-        (["show", "wave"], f"numpy {_HEAVY}"),
+        (["show", "wave", "--json"], f"numpy {_HEAVY}"),
+        (["show", "wave"], _HEAVY),
         (["classify", str(EXAMPLES / "squat/cleo.npz")], f"numpy.f2py numpy.testing {_HEAVY}"),
     ],
 )
