@@ -5,10 +5,9 @@ One clip's way: `prepare` → `trx_os.embed` → `compare` with each enrolled ac
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +15,10 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import prepare
 from actioncli.errors import SupportError
-from actioncli.model import trx_os
+from actioncli.model import compare
 from actioncli.model.weights import Weights, read_weights
 
 DEFAULT_TAU = 0.5
-
-# Support pairs that are compared in one piece: enough for full matrix speed, few enough that
-# scores stay in the processor's cache.
-_BLOCK_PAIRS = 1920
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,10 +27,13 @@ class Comparison:
 
     Attributes:
         labels: (K,) names of the actions.
-        distance: (Q, K) float32, T(Q, S) of the paper; smaller is more alike.
+        distance: (Q, K) float32, smaller is more alike: T(Q, S) of the paper, or with the
+            default recipe the odds against query and action being the same,
+            1 / confidence - 1.
         confidence: (Q, K) float32 in [0, 1], that query q shows action k, whatever else is
             enrolled.
-        probability: (Q, K) float32, softmax of -T over the enrolled actions; rows sum to 1.
+        probability: (Q, K) float32, among the enrolled actions alone: softmax of -T, or with
+            the default recipe the odds divided by their sum; rows sum to 1.
     """
 
     labels: NDArray[np.str_]
@@ -102,7 +100,8 @@ class Recognizer:
     @property
     def cohort(self) -> FloatArray:
         """Other people's motions that came with the weights: embeddings (C, F, E), C may be 0."""
-        return self.embed([])
+        cohort = self.weights.tensors.get("cohort")
+        return self.embed([]) if cohort is None else cohort
 
     def embed(self, clips: Sequence[Clip]) -> FloatArray:
         """What comparison needs of each clip.
@@ -117,8 +116,7 @@ class Recognizer:
         frames = [prepare(clip, config.preparation) for clip in clips]
         joints = (config.preparation.frames, len(config.preparation.joints), 3)
         prepared = np.stack(frames) if frames else np.empty((0, *joints), np.float32)
-        embedding: FloatArray = trx_os.embed(self.weights.tensors, config, prepared)
-        return embedding
+        return compare.embed(self.weights.tensors, config, prepared)
 
     def compare(
         self,
@@ -141,22 +139,13 @@ class Recognizer:
         for label, embedding in zip(support, examples, strict=True):
             if not len(embedding):
                 raise SupportError(f"the action {label!r} has no examples.")
-        distance = np.empty((len(query), len(examples)), np.float32)
-        logit = np.empty_like(distance)
-        params, config = self.weights.tensors, self.weights.config
-        query_keys, query_values = trx_os.pairs(params, config, query)
-        for actions in _blocks(examples):
-            block = np.stack([examples[action] for action in actions])
-            k, n = block.shape[:2]
-            keys, values = trx_os.pairs(params, config, block.reshape(k * n, *block.shape[2:]))
-            keys, values = (pairs.reshape(k, -1, config.key_width) for pairs in (keys, values))
-            for q in range(len(query)):
-                prototype = trx_os.prototypes(query_keys[q], keys, values)
-                difference = query_values[q] - prototype
-                distance[q, actions] = trx_os.distance(config, difference)
-                logit[q, actions] = trx_os.discriminator(params, difference)
+        config = self.weights.config
+        distance, logit = compare.scores(self.weights.tensors, config, query, examples)
         return Comparison(
-            np.array(list(support), dtype=np.str_), distance, _sigmoid(logit), _softmax(-distance)
+            labels=np.array(list(support), dtype=np.str_),
+            distance=distance,
+            confidence=compare.sigmoid(logit),
+            probability=compare.softmax(logit if config.warp_width else -distance),
         )
 
     def classify(
@@ -218,25 +207,3 @@ class Recognizer:
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else self.embed(clips)
-
-
-def _blocks(examples: Sequence[FloatArray]) -> Iterator[list[int]]:
-    """Indices of actions with equally many examples, a block at a time."""
-    by_count: dict[int, list[int]] = {}
-    for action, embedding in enumerate(examples):
-        by_count.setdefault(len(embedding), []).append(action)
-    for count, actions in by_count.items():
-        frames = examples[actions[0]].shape[1]
-        size = max(1, _BLOCK_PAIRS // (count * frames * (frames - 1) // 2))
-        for start in range(0, len(actions), size):
-            yield actions[start : start + size]
-
-
-def _sigmoid(x: FloatArray) -> FloatArray:
-    # tanh cannot overflow, exp can.
-    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * x), np.float32)
-
-
-def _softmax(x: NDArray[Any]) -> FloatArray:
-    weights = np.exp(x - x.max(axis=1, keepdims=True))
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True), np.float32)

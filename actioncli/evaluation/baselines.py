@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import Preparation, prepare
 from actioncli.errors import SupportError, UsageError
-from actioncli.evaluation.dtw import dtw_distance
 from actioncli.evaluation.splits import Splits
+from actioncli.model.warping import warping_cost
 from actioncli.recognizer import Comparison, Recognizer
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class Dtw:
         """
         counts = _counts(support)
         examples = np.concatenate(list(support.values()))
-        pairs = dtw_distance(queries["frames"], examples["frames"])
+        pairs = _cost(queries["frames"], examples["frames"])
         pairs /= np.sqrt(queries["radius"][:, None] * examples["radius"])
         distance: FloatArray = np.minimum.reduceat(pairs, np.cumsum([0, *counts[:-1]]), axis=1)
         confidence = np.exp(-distance) if not len(self._cohort) else np.reciprocal(1 + distance)
@@ -79,7 +79,7 @@ class Dtw:
     def _radius(self, frames: FloatArray) -> FloatArray:
         if not len(self._cohort):
             return np.ones(len(frames), np.float32)
-        distance = dtw_distance(frames, self._cohort)
+        distance = _cost(frames, self._cohort)
         nearest = np.sort(distance, axis=1)[:, :_NEIGHBOURS]
         radius: FloatArray = np.maximum(nearest.mean(axis=1), np.float32(1e-6))
         return radius
@@ -165,6 +165,13 @@ class Random:
         """
         guess = self._rng.random((2, len(queries), len(_counts(support))), dtype=np.float32)
         return _comparison(support, guess[0], guess[1])
+
+
+def _cost(queries: NDArray[Any], supports: NDArray[Any]) -> FloatArray:
+    """Warping cost (Q, S), frames apart by the root mean square over joints."""
+    joints = queries.shape[2]
+    flat = [frames.reshape(*frames.shape[:2], -1) for frames in (queries, supports)]
+    return np.asarray(warping_cost(*flat) / joints**0.5, np.float32)
 
 
 def _counts(support: Mapping[str, NDArray[Any]]) -> list[int]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
+from actioncli.model.compare import closing_shapes
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.weights_path import weights_file
@@ -28,7 +29,8 @@ class Weights:
 
     Attributes:
         config: how to prepare clips and which tensors there are.
-        tensors: float32 arrays by name, see `trx_os.parameter_shapes`.
+        tensors: float32 arrays by name, see `trx_os.parameter_shapes` and
+            `compare.closing_shapes`.
         metadata: recipe, seed, steps, figures, sources, as plain JSON values.
         checksum: SHA-256 over configuration, metadata and tensors, hexadecimal; embeddings of
             one checksum are not comparable with those of another.
@@ -51,7 +53,8 @@ def write_weights(
     """Write weights so that a crash leaves the old file or the new one, never half of one.
 
     Args:
-        tensors: as `parameter_shapes(config)` names them; stored in the type they have.
+        tensors: as `parameter_shapes(config)` and `closing_shapes(config, ...)` name them;
+            stored in the type they have.
         metadata: JSON values under any name but those of the header itself.
 
     Returns:
@@ -119,7 +122,8 @@ def read_weights(path: str | Path | None = None) -> Weights:
     except WeightsError as error:
         raise WeightsError(f"{file}: {error}") from error
     shapes = {name: tensor.shape for name, tensor in stored.items()}
-    if shapes != parameter_shapes(config):
+    cohort = shapes.get("cohort", (0,))[0]
+    if shapes != parameter_shapes(config) | closing_shapes(config, cohort):
         raise WeightsError(f"{file}: tensors do not fit the configuration in the header.")
     if checksum != _checksum(config, told, stored):
         raise WeightsError(f"{file}: damaged, the checksum does not match the content.")

@@ -20,6 +20,7 @@ class TrainingState:
     Attributes:
         params: the model's tensors.
         optimizer: Adam over `params`, in their order.
+        average: running average of `params`, what is validated and kept.
         best: the tensors that did best on the validation classes so far.
         score: the validation score of `best`.
         history: one entry for each look at the validation classes.
@@ -28,6 +29,7 @@ class TrainingState:
     step: int
     params: dict[str, Tensor]
     optimizer: torch.optim.AdamW
+    average: dict[str, Tensor]
     best: dict[str, Tensor]
     score: float
     history: list[dict[str, Any]]
@@ -38,6 +40,7 @@ def save_checkpoint(path: Path, state: TrainingState, fingerprint: str) -> None:
     from safetensors.torch import save_file
 
     tensors = {f"param/{name}": tensor.detach() for name, tensor in state.params.items()}
+    tensors |= {f"average/{name}": tensor for name, tensor in state.average.items()}
     tensors |= {f"best/{name}": tensor for name, tensor in state.best.items()}
     for name, tensor in state.params.items():
         for key, moment in state.optimizer.state[tensor].items():
@@ -82,7 +85,7 @@ def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
     def group(prefix: str) -> dict[str, Tensor]:
         return {
             name.removeprefix(prefix): tensor
-            for name, tensor in tensors.items()
+            for name, tensor in sorted(tensors.items())
             if name.startswith(prefix)
         }
 
@@ -95,6 +98,7 @@ def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
         step=int(header["step"]),
         params=params,
         optimizer=optimizer,
+        average=group("average/"),
         best=group("best/"),
         score=float(header["score"]),
         history=json.loads(header["history"]),
@@ -102,5 +106,6 @@ def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
 
 
 def new_optimizer(params: dict[str, Tensor]) -> torch.optim.AdamW:
-    """AdamW; its rate is set at every step."""
-    return torch.optim.AdamW(list(params.values()), weight_decay=0.01)
+    """AdamW; rate and weight decay are set by the loop. Only matrices decay."""
+    groups = [[p for p in params.values() if (p.ndim > 1) is decays] for decays in (True, False)]
+    return torch.optim.AdamW([{"params": group} for group in groups], betas=(0.9, 0.98))

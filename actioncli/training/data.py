@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,3 +125,34 @@ def hold_out(data: TrainingSet, seed: int) -> tuple[TrainingSet, TrainingSet]:
             held += rng.choice(classes, count, replace=False).tolist()
     kept = [c for c in data.members if c not in held]
     return data.of_classes(kept), data.of_classes(held)
+
+
+# Recordings longer than this many windows hold more than one action.
+_WINDOW_SECONDS = 2.5
+
+
+def cut_long_recordings(data: TrainingSet) -> TrainingSet:
+    """Cut long recordings that are alone in their class into windows, each a class of its own."""
+    clips: list[Clip] = []
+    rows: list[int] = []
+    names: list[str] = []
+    for row, clip in enumerate(data.clips):
+        label = int(data.labels[row])
+        count = round(clip.duration / _WINDOW_SECONDS) if len(data.members[label]) == 1 else 1
+        edges = np.linspace(0, len(clip), max(1, count) + 1).astype(int)
+        for part, (first, end) in enumerate(pairwise(edges)):
+            joints = clip.joints[first:end]
+            # A window in which nobody moves shows no action.
+            if count > 1 and not np.any(joints != joints[:1]):
+                continue
+            clips.append(Clip(joints, clip.joint_names, clip.fps) if count > 1 else clip)
+            rows.append(row)
+            names.append(f"{data.classes[label]}#{part}")
+    classes, labels = np.unique(names, return_inverse=True)
+    return TrainingSet(
+        tuple(clips),
+        labels.astype(np.int64),
+        data.subjects[rows],
+        data.collections[rows],
+        tuple(str(name) for name in classes),
+    )

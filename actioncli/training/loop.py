@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,9 @@ import torch
 from torch import Tensor
 
 from actioncli._version import __version__
-from actioncli.clips.prepare import prepare
 from actioncli.errors import UsageError
 from actioncli.model.config import ModelConfig
-from actioncli.model.trx_os import parameter_shapes
+from actioncli.model.trx_os import parameter_shapes, positional_encoding
 from actioncli.model.weights import Weights, write_weights
 from actioncli.training.checkpoint import (
     TrainingState,
@@ -27,9 +26,9 @@ from actioncli.training.checkpoint import (
     new_optimizer,
     save_checkpoint,
 )
+from actioncli.training.closing import close
 from actioncli.training.data import TrainingSet
-from actioncli.training.episodes import draw_episodes
-from actioncli.training.losses import episode_loss
+from actioncli.training.objectives import objective
 from actioncli.training.recipes import Recipe
 from actioncli.training.validation import Validation
 
@@ -92,29 +91,17 @@ def train(
     checkpoint = out.with_name(out.name + ".checkpoint")
     identity = [recipe.as_json(), seed, data.fingerprint, validation.data.fingerprint]
     fingerprint = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-    state = load_checkpoint(checkpoint, fingerprint) or _new_state(recipe.config, seed)
-    frames = torch.from_numpy(
-        np.stack([prepare(clip, recipe.config.preparation) for clip in data.clips])
-    )
+    descend = objective(recipe, data)
+    state = load_checkpoint(checkpoint, fingerprint)
+    if state is None:
+        state = _new_state(recipe.config, descend.extra_parameters(), seed)
     begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
     loss = accuracy = 0.0
     try:
         while state.step < recipe.steps:
-            rng = np.random.default_rng([seed, state.step])
-            episodes = draw_episodes(data, recipe.batch, recipe.ways, rng)
-            result = episode_loss(
-                state.params,
-                recipe.config,
-                frames[torch.from_numpy(episodes.support)],
-                frames[torch.from_numpy(episodes.queries)],
-                torch.from_numpy(episodes.targets),
-                recipe.sigma,
-            )
+            result = descend.loss(state.params, np.random.default_rng([seed, state.step]))
             result.loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
-            for group in state.optimizer.param_groups:
-                group["lr"] = _rate(recipe, state.step)
-            state.optimizer.step()
-            state.optimizer.zero_grad()
+            _step(recipe, state)
             state.step += 1
             done = state.step - first_step
             blend = max(1 / 50, 1 / done)
@@ -140,6 +127,8 @@ def train(
         save_checkpoint(checkpoint, state, fingerprint)
         raise
     best = max(state.history, key=lambda entry: entry["score"])
+    learned = {name: state.best[name].numpy() for name in parameter_shapes(recipe.config)}
+    arrays = close(recipe.config, learned, data, validation, seed)
     metadata: dict[str, Any] = {
         "actioncli": __version__,
         "recipe": recipe.as_json(),
@@ -150,27 +139,41 @@ def train(
         "clips": len(data.clips),
         "sources": list(sources),
     }
-    arrays = {name: tensor.numpy() for name, tensor in state.best.items()}
     write_weights(out, recipe.config, arrays, metadata)
     checkpoint.unlink(missing_ok=True)
     return out
 
 
+def _step(recipe: Recipe, state: TrainingState) -> None:
+    torch.nn.utils.clip_grad_norm_(state.params.values(), 1.0)
+    for group, decay in zip(state.optimizer.param_groups, (recipe.weight_decay, 0), strict=True):
+        group["lr"], group["weight_decay"] = _rate(recipe, state.step), decay
+    state.optimizer.step()
+    state.optimizer.zero_grad()
+    # The average forgets faster at the beginning, when there is little to remember.
+    kept = min(recipe.average, (1 + state.step) / (10 + state.step))
+    with torch.no_grad():
+        for name, tensor in state.params.items():
+            state.average[name].lerp_(tensor, 1 - kept)
+
+
 def _validate(state: TrainingState, config: ModelConfig, validation: Validation) -> None:
-    tensors = {name: tensor.detach().clone() for name, tensor in state.params.items()}
-    arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
-    figures = validation.figures(Weights(config, arrays, {}, f"step-{state.step}", Path()))
+    """Look at the unseen classes with T and discriminator alone: the rest is added at the end."""
+    plain = replace(config, warp_width=0, neighbours=0, mirrored=0.0)
+    arrays = {name: state.average[name].numpy() for name in parameter_shapes(plain)}
+    figures = validation.figures(Weights(plain, arrays, {}, f"step-{state.step}", Path()))
     state.history.append({"step": state.step, **asdict(figures)})
     if figures.score > state.score:
-        state.score, state.best = figures.score, tensors
+        state.score = figures.score
+        state.best = {name: tensor.clone() for name, tensor in state.average.items()}
 
 
 def _rate(recipe: Recipe, step: int) -> float:
-    warm = min(1.0, (step + 1) / 100)
-    return recipe.rate * warm * 0.5 * (1 + math.cos(math.pi * step / recipe.steps))
+    warm = min(1.0, (step + 1) / 50)
+    return recipe.rate * warm * (0.03 + 0.485 * (1 + math.cos(math.pi * step / recipe.steps)))
 
 
-def _new_state(config: ModelConfig, seed: int) -> TrainingState:
+def _new_state(config: ModelConfig, extra: dict[str, float], seed: int) -> TrainingState:
     """Uniform in ±1/√(inputs of the layer), norms at one: PyTorch's usual start."""
     rng = np.random.default_rng([seed, 0x1417])
     params: dict[str, Tensor] = {}
@@ -180,8 +183,15 @@ def _new_state(config: ModelConfig, seed: int) -> TrainingState:
             values = np.ones(shape)
         elif name.endswith("shift"):
             values = np.zeros(shape)
+        elif name == "positions":
+            values = positional_encoding(*shape)
         else:
             fan_in = shape[0] if len(shape) == 2 else fan_in
             values = rng.uniform(-1, 1, shape) / math.sqrt(fan_in)
         params[name] = torch.tensor(values, dtype=torch.float32, requires_grad=True)
-    return TrainingState(0, params, new_optimizer(params), {}, -math.inf, [])
+    for name, value in extra.items():
+        params[name] = torch.tensor(value, requires_grad=True)
+    # In the order in which a checkpoint gives them back: sums of floats depend on it.
+    params = dict(sorted(params.items()))
+    average = {name: tensor.detach().clone() for name, tensor in params.items()}
+    return TrainingState(0, params, new_optimizer(params), average, {}, -math.inf, [])

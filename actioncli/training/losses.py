@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StepResult:
-    """Loss to descend, and what the progress line tells."""
-
-    loss: Tensor
-    accuracy: float
+from actioncli.model.features import token_features
 
 
 def episode_loss(
@@ -27,7 +18,7 @@ def episode_loss(
     queries: Tensor,
     targets: Tensor,
     sigma: float,
-) -> StepResult:
+) -> tuple[Tensor, float]:
     """Cross-entropy over -T, plus sigma times the discriminator's binary cross-entropy.
 
     The discriminator learns from the z known queries whose nearest action is right (it should
@@ -38,18 +29,24 @@ def episode_loss(
         queries: (B, Q, F, J, 3).
         targets: (B, Q) place of the query's action, -1 for an unknown one.
         sigma: weight of the discriminator's part.
+
+    Returns:
+        the loss, and the share of known queries whose nearest action is right.
     """
     batch, ways = support.shape[:2]
     asked = queries.shape[1]
     frames = torch.cat([support, queries], dim=1).flatten(0, 1)
+    features = trx_os.psi(params, config, token_features(config, frames))
+    features = trx_os.with_positions(params, config, features)
     keys, values = (
-        pairs.unflatten(0, (batch, ways + asked))
-        for pairs in trx_os.pairs(params, config, trx_os.embed(params, config, frames))
+        of_pairs.unflatten(0, (batch, ways + asked))
+        for of_pairs in trx_os.pairs(params, config, trx_os.project(params, config, features))
     )
     pair_count = keys.shape[2]
     # All queries of an episode attend to a support clip in one product: (B, K, Q·P, W).
     query_keys = keys[:, ways:].flatten(1, 2)[:, None]
-    prototype = trx_os.prototypes(query_keys, keys[:, :ways], values[:, :ways])
+    weights = trx_os.attention(query_keys, keys[:, :ways])
+    prototype = trx_os.prototypes(weights, values[:, :ways])
     prototype = prototype.unflatten(2, (asked, pair_count)).transpose(1, 2)
     difference = values[:, ways:, None] - prototype  # (B, Q, K, P, W)
     distances = trx_os.distance(config, difference)
@@ -66,4 +63,4 @@ def episode_loss(
         logits = trx_os.discriminator(params, torch.cat([yes[:z], no[:z]]))
         answers = torch.cat([torch.ones(z), torch.zeros(z)])
         loss = loss + sigma * functional.binary_cross_entropy_with_logits(logits, answers)
-    return StepResult(loss, float(right.sum() / known.sum()))
+    return loss, float(right.sum() / known.sum())

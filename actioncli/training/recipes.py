@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from actioncli.clips.prepare import Preparation
 from actioncli.model.config import ModelConfig
 
 
@@ -16,21 +17,29 @@ class Recipe:
         name: as given to `--recipe`.
         config: the model.
         steps: optimiser steps.
-        batch: episodes per step.
         ways: actions per episode.
-        rate: peak learning rate of Adam, reached after 100 steps, then falling to zero as a
-            half cosine.
+        batch: episodes per step; the default recipe has one, of many ways.
+        rate: peak learning rate of AdamW, reached after 50 steps, then falling to nearly zero
+            as a half cosine.
+        weight_decay: of matrices.
         sigma: weight of the discriminator's loss.
+        average: share of the old in the running average of the weights that is kept; 0 keeps
+            the weights themselves.
+        augmented: made classes and augmentation, see `tasks` and `augment`; else the paper's
+            episodes of recorded clips.
         validate_every: steps between looks at the validation classes.
     """
 
     name: str
     config: ModelConfig
     steps: int
-    batch: int
     ways: int
-    rate: float
+    batch: int = 1
+    rate: float = 1e-3
+    weight_decay: float = 0.01
     sigma: float = 1.0
+    average: float = 0.0
+    augmented: bool = False
     validate_every: int = 250
 
     def as_json(self) -> dict[str, Any]:
@@ -40,5 +49,27 @@ class Recipe:
 
 RECIPES = {
     recipe.name: recipe
-    for recipe in (Recipe("paper", ModelConfig(), steps=1500, batch=4, ways=5, rate=1e-3),)
+    for recipe in (
+        Recipe(
+            "default",
+            ModelConfig(
+                Preparation(frames=48, size="standard", heading=True, motion=0.5),
+                key_width=64,
+                distance="l2",
+                body_features=True,
+                convolutions=2,
+                both_ways=True,
+                warp_width=16,
+                neighbours=20,
+                mirrored=1.5,
+            ),
+            steps=4000,
+            ways=20,
+            weight_decay=0.05,
+            average=0.99,
+            augmented=True,
+            validate_every=500,
+        ),
+        Recipe("paper", ModelConfig(), steps=1500, ways=5, batch=4),
+    )
 }

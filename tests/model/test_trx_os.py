@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from actioncli.clips.clip import FloatArray
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
+from actioncli.model.features import token_features
 
 CONFIG = ModelConfig()
 
@@ -49,10 +50,19 @@ def plain(params: dict[str, FloatArray], query: FloatArray, support: FloatArray)
     return np.asarray(values[0] - attention @ values[1])
 
 
+def projected(params: dict[str, FloatArray], frames: FloatArray) -> FloatArray:
+    features = trx_os.psi(params, CONFIG, token_features(CONFIG, frames))
+    return np.asarray(
+        trx_os.project(params, CONFIG, trx_os.with_positions(params, CONFIG, features))
+    )
+
+
 def difference(params: dict[str, FloatArray], query: FloatArray, support: FloatArray) -> FloatArray:
-    keys, values = trx_os.pairs(params, CONFIG, trx_os.embed(params, CONFIG, query[None]))
-    s_keys, s_values = trx_os.pairs(params, CONFIG, trx_os.embed(params, CONFIG, support))
-    prototype = trx_os.prototypes(keys[0], s_keys.reshape(-1, 128), s_values.reshape(-1, 128))
+    keys, values = trx_os.pairs(params, CONFIG, projected(params, query[None]))
+    s_keys, s_values = trx_os.pairs(params, CONFIG, projected(params, support))
+    prototype = trx_os.prototypes(
+        trx_os.attention(keys[0], s_keys.reshape(-1, 128)), s_values.reshape(-1, 128)
+    )
     return np.asarray(values[0] - prototype)
 
 
@@ -74,8 +84,11 @@ def test_numpy_and_torch_agree(measure: str) -> None:
     tensors = {name: torch.from_numpy(value) for name, value in params.items()}
 
     def forward(weights, x):  # type: ignore[no-untyped-def]  # either array type
-        keys, values = trx_os.pairs(weights, config, trx_os.embed(weights, config, x))
-        gap = values[:1] - trx_os.prototypes(keys[:1], keys[1:], values[1:])
+        features = trx_os.psi(weights, config, token_features(config, x))
+        features = trx_os.with_positions(weights, config, features)
+        keys, values = trx_os.pairs(weights, config, trx_os.project(weights, config, features))
+        attended = trx_os.attention(keys[:1], keys[1:])
+        gap = values[:1] - trx_os.prototypes(attended, values[1:])
         return trx_os.distance(config, gap), trx_os.discriminator(weights, gap)
 
     for ours, theirs in zip(
@@ -111,5 +124,5 @@ def test_prototypes_attend_to_all_examples_of_an_action() -> None:
     rng = np.random.default_rng(0)
     keys = np.zeros((4, 8), np.float32)
     values = rng.normal(size=(6, 8)).astype(np.float32)
-    prototype = trx_os.prototypes(keys, np.zeros((6, 8), np.float32), values)
+    prototype = trx_os.prototypes(trx_os.attention(keys, np.zeros((6, 8), np.float32)), values)
     np.testing.assert_allclose(prototype, np.tile(values.mean(0), (4, 1)), atol=1e-6)

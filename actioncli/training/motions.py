@@ -1,0 +1,93 @@
+"""Motions that training can bend: bone directions over time, from which bodies are rebuilt.
+
+Everything here works on batches (B, 64, 14, 3) of unit vectors along the bones of
+`actioncli.clips.prepare.BONES`, turned to the common heading, equidistant in time. Parts of two
+people's motions can be put together without tearing a body apart, and whatever is added to a
+direction leaves the bones' lengths as they are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from actioncli.clips.clip import Clip
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.prepare import BONES, Preparation, prepare
+
+FRAMES = 64
+
+_AT = {child: bone for bone, (child, _, _) in enumerate(BONES)}
+_LENGTHS = torch.tensor([length for _, _, length in BONES])[:, None]
+_MIRRORED = [
+    _AT[{"l": "r", "r": "l"}.get(c[0], "") + c[1:]] if c[0] in "lr" else _AT[c] for c in _AT
+]
+
+
+def bones_of(*joints: str) -> list[int]:
+    """Numbers of the bones that end in these joints."""
+    return [_AT[joint] for joint in joints]
+
+
+LEFT_ARM, RIGHT_ARM = bones_of("lelb", "lwri"), bones_of("relb", "rwri")
+LEFT_LEG, RIGHT_LEG = bones_of("lkne", "lank"), bones_of("rkne", "rank")
+
+
+def directions(clips: list[Clip]) -> Tensor:
+    """Clips as (N, 64, 14, 3) unit bone directions."""
+    how = Preparation(frames=FRAMES, size="standard", heading=True)
+    joints = torch.from_numpy(np.stack([prepare(clip, how) for clip in clips]))
+    children = [DEFAULT_JOINTS.index(child) for child, _, _ in BONES]
+    parents = [DEFAULT_JOINTS.index(parent) for _, parent, _ in BONES]
+    return unit(joints[:, :, children] - joints[:, :, parents])
+
+
+def bodies(bones: Tensor) -> Tensor:
+    """The standard body with these bone directions, (..., 14, 3) → (..., 15, 3)."""
+    joints: dict[str, Tensor] = {"pelv": torch.zeros_like(bones[..., 0, :])}
+    for bone, (child, parent, length) in enumerate(BONES):
+        joints[child] = joints[parent] + length * bones[..., bone, :]
+    return torch.stack([joints[name] for name in DEFAULT_JOINTS], dim=-2)
+
+
+def unit(vectors: Tensor) -> Tensor:
+    """Vectors of length one; the zero vector stays."""
+    return vectors / (vectors.norm(dim=-1, keepdim=True) + 1e-6)
+
+
+def mirrored(bones: Tensor) -> Tensor:
+    """The same motion with left and right exchanged."""
+    return bones[..., _MIRRORED, :] * torch.tensor([-1.0, 1.0, 1.0])
+
+
+def at_times(bones: Tensor, times: Tensor) -> Tensor:
+    """Interpolate in time.
+
+    Args:
+        bones: (B, T, 14, 3).
+        times: (B, n) in frames, between 0 and T - 1.
+
+    Returns:
+        (B, n, 14, 3).
+    """
+    before = times.floor().long().clamp(0, bones.shape[1] - 2)
+    share = (times - before)[..., None, None]
+    row = torch.arange(len(bones))[:, None]
+    return bones[row, before] * (1 - share) + bones[row, before + 1] * share
+
+
+def frames_for_model(bones: Tensor, preparation: Preparation) -> Tensor:
+    """What `prepare` would give: (B, 64, 14, 3) → (B, frames, 15, 3), equidistant in motion."""
+    joints = bodies(bones)
+    last = bones.shape[1] - 1
+    moved = (joints[:, 1:] - joints[:, :-1]).norm(dim=-1).mean(dim=-1)
+    share = moved / moved.sum(dim=1, keepdim=True).clamp(min=1e-9)
+    advance = (1 - preparation.motion) / last + preparation.motion * share
+    clock = torch.cat([torch.zeros(len(bones), 1), advance.cumsum(dim=1)], dim=1)
+    clock = clock / clock[:, -1:]
+    ticks = torch.linspace(0, 1, preparation.frames).expand(len(bones), -1).contiguous()
+    after = torch.searchsorted(clock.contiguous(), ticks).clamp(1, last)
+    low, high = clock.gather(1, after - 1), clock.gather(1, after)
+    times = after - 1 + ((ticks - low) / (high - low + 1e-9)).clamp(0, 1)
+    return bodies(unit(at_times(bones, times)))
