@@ -1,4 +1,4 @@
-"""The part of a clip in which the person does something."""
+"""The part of a clip in which the person does something, and one repetition of it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ _MARGIN = 0.15
 # counts as standing still.
 _SHARE_OF_FAST = 0.2
 _STILL = 0.15
+# Motion repeats itself if it agrees this well with itself a period later, and a period is not
+# shorter than this; a clip of fewer periods is one performance.
+_LEAST_AGREEMENT = 0.5
+_SHORTEST_PERIOD = 0.5
+_LEAST_PERIODS = 1.6
 # A longer rest separates two performances; a shorter part is no action.
 _REST = 1.5
 _SHORTEST = 0.5
@@ -50,13 +55,60 @@ def active_part(clip: Clip) -> tuple[float, float]:
     return best
 
 
+def repetition(clip: Clip) -> tuple[float, float] | None:
+    """One repetition of a motion that repeats itself, in seconds from the clip's beginning.
+
+    Exercises are filmed several times over, and one repetition is what others can be compared
+    with. The period is the first lag at which the autocorrelation of the posture peaks. All
+    repetitions would do; the one is taken that begins most at rest: tall, with the hands low.
+    So two people's repetitions begin in the same phase.
+
+    Returns:
+        Start and end, or None if the motion does not repeat.
+    """
+    joints = _about_pelvis(clip)
+    posture = joints.reshape(len(joints), -1)
+    posture = posture - posture.mean(axis=0)
+    power = float((posture**2).sum(axis=1).mean())
+    longest = int(len(clip) / _LEAST_PERIODS)
+    if power < 1e-8 or longest < 3:
+        return None
+    agreement = np.array(
+        [
+            (posture[: len(clip) - lag] * posture[lag:]).sum(axis=1).mean() / power
+            for lag in range(longest + 1)
+        ]
+    )
+    peaks = [
+        lag
+        for lag in range(max(2, round(_SHORTEST_PERIOD * clip.fps)), longest)
+        if agreement[lag - 1] <= agreement[lag] >= agreement[lag + 1]
+        and agreement[lag] >= _LEAST_AGREEMENT
+    ]
+    if not peaks:
+        return None
+    period = peaks[0]
+    column = DEFAULT_JOINTS.index
+    height = joints[:, :, 1]
+    ankles = height[:, [column("lank"), column("rank")]].mean(axis=1)
+    hands = height[:, [column("lwri"), column("rwri")]].mean(axis=1)
+    rest = height[:, column("head")] - ankles - hands
+    start = int(rest[: len(clip) - period].argmax())
+    return start / clip.fps, (start + period) / clip.fps
+
+
 def limb_speed(clip: Clip) -> FloatArray:
     """(T,) mean speed of the default joints relative to the pelvis, in torso lengths a second."""
-    joints = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS, clip.source)
-    joints = joints - joints[:, [DEFAULT_JOINTS.index("pelv")]]
+    joints = _about_pelvis(clip)
     torso = np.median(np.linalg.norm(joints[:, DEFAULT_JOINTS.index("neck")], axis=1))
     velocity = np.gradient(joints, axis=0) * (clip.fps / max(float(torso), 1e-3))
     return np.asarray(np.linalg.norm(velocity, axis=2).mean(axis=1), np.float32)
+
+
+def _about_pelvis(clip: Clip) -> FloatArray:
+    """(T, 15, 3) the default joints, metres from the pelvis."""
+    joints = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS, clip.source)
+    return np.asarray(joints - joints[:, [DEFAULT_JOINTS.index("pelv")]], np.float32)
 
 
 def _stretches(
@@ -72,3 +124,26 @@ def _stretches(
         else:
             found.append((frame, frame))
     return found
+
+
+def cut(clip: Clip, start: float, end: float) -> Clip:
+    """The part of a clip between two times, seconds from its beginning."""
+    kept = slice(round(start * clip.fps), round(end * clip.fps) + 1)
+    confidence = None if clip.confidence is None else clip.confidence[kept]
+    return Clip(clip.joints[kept], clip.joint_names, clip.fps, confidence, clip.source, clip.notes)
+
+
+def action_in(clip: Clip) -> tuple[float, float, int]:
+    """The active part of a clip, or one repetition where the motion in it repeats.
+
+    Returns:
+        Start and end, seconds from the clip's beginning, and how many repetitions there are
+        about; 1 if the motion does not repeat.
+    """
+    start, end = active_part(clip)
+    active = cut(clip, start, end)
+    one = repetition(active)
+    if one is None:
+        return start, end, 1
+    count = round(active.duration / (one[1] - one[0]))
+    return start + one[0], start + one[1], max(count, 2)

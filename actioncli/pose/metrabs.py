@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import LAYOUTS
 from actioncli.errors import ClipError, WeightsError
-from actioncli.pose.active import active_part
+from actioncli.pose.active import action_in, cut
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.poses import LONGEST_GAP, resample
 from actioncli.pose.video import LEAST_PRESENT, SAMPLING_RATE, Progress
@@ -113,15 +113,15 @@ def read_metrabs_clip(
     clip = _clip(chosen, model.joint_names, looked, file, notes)
     if start is not None or end is not None:
         return clip
-    first, last = active_part(clip)
-    if first <= 0 and last >= clip.duration:
+    first, last, repetitions = action_in(clip)
+    part = cut(clip, first, last)
+    if len(part) == len(clip):
         return clip
-    kept = slice(round(first * clip.fps), round(last * clip.fps) + 1)
     offset = chosen.times[0]
     used = f"used {first + offset:.1f} s to {last + offset:.1f} s"
-    return Clip(
-        clip.joints[kept], clip.joint_names, clip.fps, None, clip.source, [*clip.notes, used]
-    )
+    if repetitions > 1:
+        used += f", one of about {repetitions} repetitions"
+    return Clip(part.joints, part.joint_names, part.fps, None, part.source, [*part.notes, used])
 
 
 def _assign(people: list[_Person], poses: FloatArray, time: float) -> None:

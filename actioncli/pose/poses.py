@@ -78,7 +78,8 @@ class Poses:
         world, visibility, changed = settle_sides(self.world, self.visibility)
         notes = [*self.notes, *notes]
         if changed.any():
-            notes.append(f"left and right were mixed up in {changed.sum()} frames, and put right")
+            frames = f"{changed.sum()} of {len(changed)} frames"
+            notes.append(f"left and right were mixed up in {frames}, and put right")
         smooth = OneEuro(min_cutoff=0.1, beta=40.0)
         world = np.stack([smooth(w, t) for w, t in zip(world, self.times, strict=True)])
         step = float(self.frames[-1] - self.frames[0]) / (len(self.frames) - 1)

@@ -12,7 +12,7 @@ import numpy as np
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
 from actioncli.pose import cache as pose_cache
-from actioncli.pose.active import active_part
+from actioncli.pose.active import action_in
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT, LandmarkEstimator
@@ -74,7 +74,7 @@ def read_video_clip(
 
 
 def clip_of(poses: Poses, path: Path, whole: bool) -> Clip:
-    """The clip of what was seen, or (not `whole`) of the part in which the person moves.
+    """The clip of what was seen, or (not `whole`) of the action in it; see `active.action_in`.
 
     Raises:
         ClipError: no person in most of the frames.
@@ -89,12 +89,14 @@ def clip_of(poses: Poses, path: Path, whole: bool) -> Clip:
     clip = poses.to_clip(str(path))
     if whole:
         return clip
-    first, last = active_part(clip)
+    first, last, repetitions = action_in(clip)
     if first <= 0 and last >= clip.duration:
         return clip
     offset = float(poses.times[0])
     first, last = first + offset, last + offset
     used = f"used {first:.1f} s to {last:.1f} s"
+    if repetitions > 1:
+        used += f", one of about {repetitions} repetitions"
     return poses.between(first - 1e-6, last + 1e-6).to_clip(str(path), [used])
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.pose.active import active_part
+from actioncli.pose.active import action_in, active_part, cut, repetition
 
 
 def clip_of(moving: np.ndarray, fps: float = 20.0, seen: np.ndarray | None = None) -> Clip:
@@ -63,3 +63,37 @@ def test_nothing_goes_across_a_loss() -> None:
     start, end = active_part(clip_of(moving, seen=seen))
     assert start >= 4
     assert end == pytest.approx(8, abs=0.1)
+
+
+def repeated(period: float, count: float, fps: float = 20.0, phase: float = 0.0) -> Clip:
+    """Someone who raises both arms again and again; `phase` 0 begins with the arms down."""
+    clip = clip_of(np.zeros(round(period * count * fps) + 1), fps)
+    joints = clip.joints.copy()
+    raised = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(len(clip)) / fps / period + phase))
+    for name in ("lwri", "rwri"):
+        joints[:, DEFAULT_JOINTS.index(name), 1] += raised
+    return Clip(joints, DEFAULT_JOINTS, fps)
+
+
+@pytest.mark.parametrize("period", [0.8, 1.5, 3.0])
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.5])
+def test_one_repetition_from_rest(period: float, phase: float) -> None:
+    clip = repeated(period, 4, phase=phase)
+    found = repetition(clip)
+    assert found is not None
+    start, end = found
+    assert end - start == pytest.approx(period, abs=0.06)
+    hands = cut(clip, start, end).joints[:, DEFAULT_JOINTS.index("lwri"), 1]
+    assert hands.argmax() / 20 == pytest.approx(period / 2, abs=0.15 * period)
+
+
+@pytest.mark.parametrize("clip", [repeated(4, 1), repeated(4, 1.5), clip_of(np.zeros(80))])
+def test_once_is_no_repetition(clip: Clip) -> None:
+    assert repetition(clip) is None
+    assert action_in(clip)[2] == 1
+
+
+def test_repetitions_are_counted() -> None:
+    start, end, count = action_in(repeated(2, 5))
+    assert count == 5
+    assert end - start == pytest.approx(2, abs=0.1)
