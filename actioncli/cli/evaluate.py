@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,12 +20,13 @@ from actioncli.cli.common import (
     tell_notes,
 )
 from actioncli.cli.figures import say_acceptance, say_figures
-from actioncli.cli.output import number, printable, progress, write_json
+from actioncli.cli.output import number, printable, progress, say, write_json
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
     from actioncli.clips.collection import Collection
     from actioncli.evaluation.acceptance import Acceptance
+    from actioncli.evaluation.result import Evaluation
     from actioncli.evaluation.scorer import Scorer
     from actioncli.evaluation.splits import Splits
 
@@ -77,10 +79,11 @@ def evaluate(
     ] = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the episodes.")] = 0,
     baseline: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             metavar="NAME",
-            help=f"Measure a baseline instead of the model: {', '.join(BASELINES)}.",
+            help=f"Measure a baseline instead of the model, or beside it in a --report: "
+            f"{', '.join(BASELINES)}; may be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -94,6 +97,15 @@ def evaluate(
         typer.Option(
             metavar="FOLDER",
             help="Run the one-shot protocol of NTU RGB+D 120 on its .skeleton files instead.",
+            show_default=False,
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Also write a page of plots, confusions and their clips, with the figures as CSV "
+            "and JSON; includes --acceptance.",
             show_default=False,
         ),
     ] = None,
@@ -127,11 +139,13 @@ def evaluate(
     Examples:
       actioncli evaluate recordings/*.npz --splits splits.json --ways 5 --json figures.json
       actioncli evaluate kard.npz --protocol personal --baseline dtw
+      actioncli evaluate kard.npz --baseline exp --baseline dtw --report kard_report
       actioncli evaluate --ntu nturgb+d_skeletons --acceptance
 
     \b
     JSON keys:
-      scorer, weights, protocol, shots, episodes, tau, seed, results, means, skipped, acceptance
+      scorer, weights, protocol, shots, episodes, tau, seed, results, means, skipped, acceptance,
+        others
       results[], means[]: collection, ways, ways_used, classes, queries_per_episode, metrics,
         expected_calibration_error, reliability; means[] also collections
       .metrics: fsos_accuracy, always_reject_fsos_accuracy, closed_set_accuracy, auroc, oscr,
@@ -139,13 +153,18 @@ def evaluate(
       .reliability[]: share, confidence, accuracy
       skipped[]: collection, reason
       acceptance[]: collection, classes, rate, asked
+      others[]: the same keys, for every further baseline
     """
     checked_tau(tau)
     numbers = _numbers(ways)
     if protocol not in PROTOCOLS:
         raise UsageError(f"unknown protocol {protocol!r}; there are {', '.join(PROTOCOLS)}.")
-    if baseline is not None and baseline not in BASELINES:
-        raise UsageError(f"unknown baseline {baseline!r}; there are {', '.join(BASELINES)}.")
+    baselines: list[str | None] = list(dict.fromkeys(baseline or ()))
+    for name in baselines:
+        if name not in BASELINES:
+            raise UsageError(f"unknown baseline {name!r}; there are {', '.join(BASELINES)}.")
+    # None stands for the model itself.
+    scorers = baselines if baselines and report is None else [None, *baselines]
     if bool(collections) == (ntu is not None):
         raise UsageError("give collections to measure on, or --ntu FOLDER.")
     if ntu is not None and (splits or shots != 1 or protocol != PROTOCOLS[0]):
@@ -154,27 +173,34 @@ def evaluate(
     if as_json is not None and not to_stdout:
         _check_target(as_json)
 
-    read, parts = _read(settings, collections or [], splits)
-    scorer, checksum = _scorer(baseline, weights, seed, read, parts)
-    tables: Sequence[Acceptance] = ()
-    with _steps(settings) as step:
-        if ntu is not None:
-            from actioncli.evaluation.ntu import WAYS, evaluate_ntu
+    if report is not None:
+        from actioncli.report.evaluation import check_folder
 
-            ran = evaluate_ntu(
-                scorer,
-                ntu,
-                ways=numbers or WAYS,
-                episodes=episodes,
-                tau=tau,
-                seed=seed,
-                progress=step,
-            )
-            found = ran.evaluation
-            tables = (ran.acceptance,) if acceptance else ()
-        else:
+        check_folder(report)
+
+    read, parts = _read(settings, collections or [], splits)
+    runs: list[Run] = []
+    for name in scorers:
+        scorer, checksum = _scorer(name, weights, seed, read, parts)
+        # A report's matrices are those of its first scorer.
+        wanted = acceptance or (report is not None and not runs)
+        with _steps(settings) as step:
+            if ntu is not None:
+                from actioncli.evaluation.ntu import WAYS, evaluate_ntu
+
+                ran = evaluate_ntu(
+                    scorer,
+                    ntu,
+                    ways=numbers or WAYS,
+                    episodes=episodes,
+                    tau=tau,
+                    seed=seed,
+                    progress=step,
+                )
+                runs.append(Run(ran.evaluation, checksum, (ran.acceptance,) if wanted else ()))
+                continue
             from actioncli.evaluation import acceptance as matrix
-            from actioncli.evaluation import protocol as run
+            from actioncli.evaluation import protocol as protocols
             from actioncli.evaluation.episodes import Protocol
 
             chosen: dict[str, Any] = {
@@ -186,28 +212,50 @@ def evaluate(
                 "splits": parts,
                 "progress": step,
             }
-            found = run.evaluate(scorer, read, ways=numbers or _WAYS, **chosen)
-            if acceptance:
-                tables = matrix.acceptance(scorer, read, **chosen)
+            found = protocols.evaluate(scorer, read, ways=numbers or _WAYS, **chosen)
+            tables = matrix.acceptance(scorer, read, **chosen) if wanted else ()
+            runs.append(Run(found, checksum, tables))
 
-    for skip in found.skipped:
+    for skip in runs[0].found.skipped:
         settings.tell(f"note: left out: {printable(skip.reason)}")
-    if to_stdout or as_json is not None:
-        document = _finite(
+    first, *others = (run.document() for run in runs)
+    document = {**first, "others": others}
+    if to_stdout:
+        write_json(document)
+    elif as_json is not None:
+        as_json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    if not to_stdout:
+        for place, run in enumerate(runs):
+            if place:
+                say()
+            say_figures(run.found)
+            for each in run.acceptance if acceptance else ():
+                say_acceptance(each, tau)
+    if report is not None:
+        from actioncli.report.evaluation import Report, write_report
+
+        told = Report([run.found for run in runs], runs[0].acceptance, read, document)
+        settings.tell(f"report: {printable(write_report(report, told))}")
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one scorer gave."""
+
+    found: Evaluation
+    weights: str | None
+    acceptance: Sequence[Acceptance]
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it, without the other scorers."""
+        document: dict[str, Any] = _finite(
             {
-                **found.as_json(),
-                "weights": checksum,
-                "acceptance": [each.as_json() for each in tables],
+                **self.found.as_json(),
+                "weights": self.weights,
+                "acceptance": [each.as_json() for each in self.acceptance],
             }
         )
-        if to_stdout:
-            write_json(document)
-        elif as_json is not None:
-            as_json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-    if not to_stdout:
-        say_figures(found)
-        for each in tables:
-            say_acceptance(each, tau)
+        return document
 
 
 def _numbers(ways: str | None) -> tuple[int, ...]:

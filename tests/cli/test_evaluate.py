@@ -87,6 +87,7 @@ def test_json_goes_to_a_file_beside_the_table(
         "means",
         "skipped",
         "acceptance",
+        "others",
     }
     assert document["scorer"] == (baseline or "trx-os")
     assert (document["weights"] is None) == (baseline in ("always-reject", "random"))
@@ -99,6 +100,38 @@ def test_json_alone_is_printed_on_request(invoke: Invoke, toys: Path) -> None:
     dash = json.loads(invoke(*arguments, "--json", "-").stdout)
     assert dash == json.loads(invoke("--json", *arguments).stdout)
     assert dash["results"][0]["metrics"]["fsos_accuracy"] == {"mean": 0.5, "std": 0.0}
+
+
+def test_several_baselines_stand_in_one_document(invoke: Invoke, toys: Path) -> None:
+    names = ["--baseline", "random", "--baseline", "always-reject", "--baseline", "random"]
+    arguments = ["evaluate", toys / "one.npz", "--episodes", 2, "--ways", 2, *names]
+    document = json.loads(invoke(*arguments, "--json", "-").stdout)
+    assert document["scorer"] == "random"
+    assert [other["scorer"] for other in document["others"]] == ["always-reject"]
+    assert set(document["others"][0]) == set(document) - {"others"}
+    assert invoke(*arguments).stdout.count("FSOS-ACC") == 2
+
+
+def test_a_report_holds_the_model_and_its_baselines(
+    invoke: Invoke, toys: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "report"
+    arguments = [
+        "evaluate", toys / "one.npz", "--episodes", 2, "--ways", "2,4", "--baseline", "dtw",
+        "--weights", toys / "w.safetensors", "--report", folder,
+    ]  # fmt: skip
+    for _ in range(2):  # over the first one
+        result = invoke(*arguments)
+        assert result.exit_code == 0, result.stderr
+        assert f"report: {folder / 'index.html'}" in result.stderr
+    document = json.loads((folder / "figures.json").read_text())
+    assert document["scorer"] == "trx-os"
+    assert [other["scorer"] for other in document["others"]] == ["dtw"]
+    assert len(document["acceptance"]) == 1
+    assert {path.suffix for path in folder.iterdir()} == {".html", ".json", ".csv"}
+    result = invoke(*arguments[:-1], toys)
+    assert result.exit_code == 2
+    assert "holds something else" in result.stderr
 
 
 def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path: Path) -> None:

@@ -1,0 +1,166 @@
+"""HTML pages that need nothing but themselves: no script, style, font or picture from outside."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from actioncli._version import __version__
+from actioncli.report.figure import Figure, project
+
+# Nothing may be loaded, and nothing sent: a browser refuses it even if a file name or a label
+# found a way into the page's code.
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+
+# Figures in a page move at this rate (frames a second) at most, which keeps the page small.
+_RATE = 25.0
+
+
+def page(title: str, body: str, figures: Sequence[dict[str, Any]] = ()) -> str:
+    """A whole page.
+
+    Args:
+        title: plain text.
+        body: HTML.
+        figures: what `Stage` gathered.
+    """
+    moving = ""
+    if figures:
+        # "<" would let a label end the element.
+        data = json.dumps(list(figures)).replace("<", "\\u003c")
+        moving = (
+            f'<script type="application/json" id="figures">{data}</script>\n'
+            f"<script>{_resource('player.js')}</script>\n"
+        )
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>\n{_resource('page.css')}</style>\n</head>\n"
+        f'<body>\n<main>\n{body}\n</main>\n<footer><p class="muted">Made by actioncli '
+        f"{__version__}. This page holds all that it shows; nothing is loaded or sent.</p>"
+        f"</footer>\n{moving}</body>\n</html>\n"
+    )
+
+
+@dataclass
+class Stage:
+    """Gathers the figures of a page and writes the players that show them."""
+
+    figures: list[dict[str, Any]] = field(default_factory=list)
+
+    def player(self, name: str, shown: Sequence[tuple[str, dict[str, Any]]]) -> str:
+        """Figures side by side, playing in step.
+
+        Args:
+            name: what the controls say that they control.
+            shown: for each figure its caption (HTML) and its data from `playable`.
+        """
+        panels: list[str] = []
+        for caption, data in shown:
+            panels.append(
+                f'<figure><canvas data-figure="{len(self.figures)}" width="300" height="300" '
+                f'tabindex="0" role="img" aria-label="Skeleton, {escape(name)}, '
+                f'{len(panels) + 1} of {len(shown)}; arrow keys turn it, space plays"></canvas>'
+                f"<figcaption>{caption}</figcaption></figure>"
+            )
+            self.figures.append(data)
+        label = escape(name)
+        return (
+            f'<div class="player"><div class="stage">{"".join(panels)}</div>'
+            '<div class="controls"><button type="button" class="play" '
+            f'aria-label="Play or pause: {label}">Play</button>'
+            '<input class="scrub" type="range" min="0" max="1000" value="0" '
+            f'aria-label="Moment: {label}"><output class="said" aria-live="off">0 %</output>'
+            f'<button type="button" class="front" aria-label="Turn to the front: {label}">'
+            "Front</button></div></div>"
+        )
+
+
+def playable(
+    figure: Figure,
+    clock: Sequence[float] | None = None,
+    glow: Sequence[float] | None = None,
+) -> dict[str, Any]:
+    """A figure as the player takes it.
+
+    Args:
+        figure: whose motion.
+        clock: frames, fractions allowed, that are shown at equal steps of the player's time;
+            None is from first to last.
+        glow: for each point of the figure a share in [0, 1] that its mark shows.
+    """
+    step = max(1, round(figure.fps / _RATE))
+    kept = np.arange(0, len(figure.points), step)
+    millimetres = np.clip(np.round(1000 * figure.points[kept]), -32767, 32767).astype("<i2")
+    sure = figure.sure[kept].astype(np.uint8)
+    data: dict[str, Any] = {
+        "frames": len(kept),
+        "joints": len(figure.names),
+        "seconds": round(figure.duration, 3),
+        "box": round(_box(figure), 3),
+        "bones": [list(bone) for bone in figure.bones],
+        "head": figure.head,
+        "points": base64.b64encode(millimetres.tobytes()).decode(),
+        "sure": base64.b64encode(sure.tobytes()).decode(),
+    }
+    if clock is not None:
+        data["clock"] = [round(min(at / step, len(kept) - 1), 2) for at in clock]
+    if glow is not None:
+        data["glow"] = [round(float(share), 4) for share in glow]
+    return data
+
+
+def table(
+    caption: str, header: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1
+) -> str:
+    """Rows of plain text, the first `text_columns` flush left, that scroll if they must."""
+    heads = "".join(
+        f'<th scope="col"{_text(column < text_columns)}>{escape(name)}</th>'
+        for column, name in enumerate(header)
+    )
+    lines = "".join(
+        "<tr>"
+        + "".join(
+            f'<th scope="row">{escape(cell)}</th>'
+            if column == 0
+            else f"<td{_text(column < text_columns)}>{escape(cell)}</td>"
+            for column, cell in enumerate(row)
+        )
+        + "</tr>"
+        for row in rows
+    )
+    return scrolling(
+        caption,
+        f"<table><caption>{escape(caption)}</caption><thead><tr>{heads}</tr></thead>"
+        f"<tbody>{lines}</tbody></table>",
+    )
+
+
+def scrolling(name: str, content: str) -> str:
+    """HTML that may be wider than the page, reachable by keyboard."""
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(name)}">'
+        f"{content}</div>"
+    )
+
+
+def _text(flush_left: bool) -> str:
+    return ' class="text"' if flush_left else ""
+
+
+def _box(figure: Figure) -> float:
+    """Side of the square, standing on the ground around the origin, that it needs when turned."""
+    flat = np.linalg.norm(figure.points[..., [0, 2]], axis=-1)
+    return max(2 * float(flat.max()), float(project(figure.points)[..., 1].max()) + 0.1, 1.2)
+
+
+def _resource(name: str) -> str:
+    return files("actioncli.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,129 @@
+"""Pages that hold all they show, and their players."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli import Clip, read_clip
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.report.figure import figure
+from actioncli.report.page import Stage, page, playable, table
+from actioncli.report.plots import SHARES, Axis, Plot
+
+from .browser import ask, needs_chromium
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+# A canvas as numbers that change when the drawing does.
+_PICTURE = """const canvases = [...document.querySelectorAll("canvas")];
+const picture = () => canvases.map((c) => c.toDataURL());
+const play = document.querySelector(".play"), scrub = document.querySelector(".scrub");
+const said = document.querySelector(".said"), front = document.querySelector(".front");
+const key = (name) => canvases[0].dispatchEvent(new KeyboardEvent("keydown", { key: name }));
+await wait(50);
+"""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page with two figures."""
+    stage = Stage()
+    shown = [
+        (label, playable(figure(read_clip(EXAMPLES / f"{name}.npz"))))
+        for label, name in (("one", "squat/ada"), ("two", "wave_right/ben"))
+    ]
+    body = "<h1>Two</h1>" + stage.player("</script> & two", shown)
+    file = tmp_path_factory.mktemp("page") / "page.html"
+    file.write_text(page("two <figures>", body, stage.figures), encoding="utf-8")
+    return file
+
+
+@needs_chromium
+def test_play_scrub_and_turn(two: Path) -> None:
+    got = ask(
+        two,
+        _PICTURE
+        + """
+        const start = picture();
+        play.click(); await wait(400);
+        const moved = picture(), moment = Number(scrub.value), playing = play.textContent;
+        play.click(); await wait(50);
+        const stopped = picture(); await wait(200); const still = picture();
+        scrub.value = 500; scrub.dispatchEvent(new Event("input"));
+        const middle = picture(), told = said.value;
+        key("ArrowRight"); const turned = picture();
+        key("ArrowUp"); const raised = picture();
+        key("Home"); const home = picture();
+        key("ArrowLeft"); front.click(); const front_again = picture();
+        key(" "); const by_key = play.textContent; key(" ");
+        const same = (a, b) => a.map((each, i) => each === b[i]);
+        return { drawn: start.map((url) => url.length > 2000), moved: same(start, moved),
+          moment, playing, stopped: same(stopped, still), middle: same(middle, start), told,
+          turned: same(turned, middle), raised: same(raised, turned), home: same(home, middle),
+          front: same(front_again, middle), by_key };
+        """,
+    )
+    assert got["drawn"] == [True, True]
+    assert got["moved"] == [False, False]
+    assert got["moment"] > 0
+    assert (got["playing"], got["by_key"]) == ("Pause", "Pause")
+    assert got["stopped"] == [True, True]
+    assert got["middle"] == [False, False]
+    assert got["told"] == "50 %"
+    assert got["turned"] == got["raised"] == [False, False]
+    assert got["home"] == got["front"] == [True, True]
+
+
+@needs_chromium
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (500, True)])
+def test_it_fits_has_names_and_follows_the_theme(two: Path, width: int, dark: bool) -> None:
+    got = ask(
+        two,
+        """
+        const nameless = [...document.querySelectorAll("button, input, canvas, [role=region]")]
+          .filter((e) => !(e.getAttribute("aria-label") || e.textContent).trim()).length;
+        return { nameless, paper: getComputedStyle(document.body).backgroundColor,
+          wide: document.documentElement.scrollWidth - innerWidth,
+          tops: [...document.querySelectorAll("canvas")].map((c) => c.offsetTop) };
+        """,
+        width,
+        dark,
+    )
+    assert got["nameless"] == 0
+    assert got["wide"] <= 0
+    assert got["paper"] == ("rgb(20, 23, 26)" if dark else "rgb(255, 255, 255)")
+    assert got["tops"][0] == got["tops"][1]
+
+
+def test_a_page_names_nothing_outside(two: Path) -> None:
+    text = two.read_text(encoding="utf-8")
+    assert "default-src 'none'" in text
+    assert "http://" not in text
+    assert "https://" not in text
+    assert "<title>two &lt;figures&gt;</title>" in text
+    assert text.count("</script>") == 2
+
+
+def test_figures_are_small_and_whole() -> None:
+    long = np.random.default_rng(0).normal(size=(600, 15, 3))
+    clip = Clip(long, DEFAULT_JOINTS, fps=120)
+    data = playable(figure(clip), clock=[0, 300, 599], glow=[0.1] * 15)
+    assert data["frames"] == 120
+    assert data["seconds"] == pytest.approx(599 / 120, abs=1e-3)
+    assert data["clock"] == [0, 60, 119]
+
+
+def test_tables_and_plots_escape() -> None:
+    text = table("<c>", ["<h>", "x"], [["<r>", "1"]])
+    assert "<c>" not in text
+    assert "&lt;r&gt;" in text
+    plot = Plot("<t>", Axis("<x>", 0, 1, SHARES), Axis("y", 0, 1, SHARES, percent=True))
+    plot.line([0, 1], [0.5, 2], 0, "<s>", dots=True)
+    plot.steps([0, 0.5, 1], [0.2, 0.8], 1, "h")
+    plot.rule(0.5, "<tau>")
+    html = plot.html("<note>")
+    for raw in ("<t>", "<x>", "<s>", "<tau>", "<note>"):
+        assert raw not in html
+    assert "25 %" in html
+    assert "nan" not in html.lower()
