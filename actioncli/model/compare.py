@@ -165,7 +165,10 @@ def _attended(
     values: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """T and logit (K,) of one query (P, W) against K actions (K, n·P, W)."""
-    weights = trx_os.attention(query_keys, keys)
+    bias = trx_os.place_bias(params, config, keys)
+    if config.near_pairs:
+        bias = np.tile(bias, keys.shape[1] // config.pairs)
+    weights = trx_os.attention(query_keys, keys, bias)
     difference = query_values - trx_os.prototypes(weights, values)
     t = trx_os.distance(config, difference)
     logit = trx_os.discriminator(params, difference)

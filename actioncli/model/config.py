@@ -28,6 +28,7 @@ class ModelConfig:
         convolutions: residual temporal convolutions in Ψ, with a layer norm behind them and
             positions that are learned; 0 is the paper's MLP.
         both_ways: the support's pairs attend to the query's too, and T is the mean of both.
+        near_pairs: attention prefers pairs at like places in both clips, by a learned amount.
         warp_width: V, numbers per token that dynamic time warping compares; its cost joins T in
             the score. 0 leaves it out. Needs bodies of standard size.
         neighbours: the warping cost is seen relative to the mean cost to so many nearest motions
@@ -45,6 +46,7 @@ class ModelConfig:
     body_features: bool = False
     convolutions: int = 0
     both_ways: bool = False
+    near_pairs: bool = False
     warp_width: int = 0
     neighbours: int = 0
     mirrored: float = 0.0

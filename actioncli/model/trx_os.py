@@ -51,6 +51,8 @@ def parameter_shapes(config: ModelConfig) -> dict[str, tuple[int, ...]]:
             "psi.1.weight": (2 * inputs, width),
             "psi.1.bias": (width,),
         }
+    if config.near_pairs:
+        shapes |= {"attention.decay": (1,)}
     return shapes | {
         "key.weight": (2 * width, key),
         "key.bias": (key,),
@@ -176,19 +178,48 @@ def pairs(
     return _normed(params, "key.norm", of_pairs(0)), of_pairs(2 * w)
 
 
-def attention(query_keys: Array, support_keys: Array) -> Array:
+@lru_cache(maxsize=8)
+def pair_offsets(tokens: int) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Squared distance between the places of two pairs, in clip lengths, (P, P)."""
+    places = np.stack(pair_indices(tokens), axis=1) / tokens
+    return np.asarray(((places[:, None] - places) ** 2).sum(axis=2), np.float32)
+
+
+def place_bias(
+    params: Params, config: ModelConfig, like: Array, chosen: Array | None = None
+) -> Array:
+    """What attention loses where two pairs lie at different places in their clips.
+
+    Args:
+        like: an array of the wanted kind.
+        chosen: numbers of the pairs that are compared; all P without it.
+
+    Returns:
+        (P, P), -exp(decay) times `pair_offsets`; or 0 where the configuration has none.
+    """
+    if not config.near_pairs:
+        return 0
+    xp = namespace(like)
+    offsets = xp.asarray(pair_offsets(config.tokens))
+    if chosen is not None:
+        offsets = offsets[chosen][:, chosen]
+    return -xp.exp(params["attention.decay"]) * offsets
+
+
+def attention(query_keys: Array, support_keys: Array, bias: Array = 0) -> Array:
     """Exponentials of the scaled products of keys, not yet divided by their sum.
 
     Args:
         query_keys: (..., P, W).
         support_keys: (..., n·P, W), all examples of one action together.
+        bias: added to the scaled products, see `place_bias`; (P, n·P) or a number.
 
     Returns:
         (..., P, n·P); rows divided by their sum are the attention of the query's pairs to the
         support's, columns divided by theirs that of the support's pairs to the query's.
     """
     xp = namespace(query_keys)
-    scores = query_keys @ xp.matrix_transpose(support_keys) / query_keys.shape[-1] ** 0.5
+    scores = query_keys @ xp.matrix_transpose(support_keys) / query_keys.shape[-1] ** 0.5 + bias
     # One largest score for rows and columns: normalised keys keep scores within ±√W.
     return xp.exp(scores - xp.max(scores, axis=(-2, -1), keepdims=True))
 

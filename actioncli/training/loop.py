@@ -184,7 +184,9 @@ def _new_state(config: ModelConfig, extra: dict[str, float], seed: int) -> Train
         elif name.endswith("shift"):
             values = np.zeros(shape)
         elif name == "positions":
-            values = positional_encoding(*shape)
+            values = positional_encoding(*shape).astype(float)
+        elif name == "attention.decay":
+            values = np.full(shape, math.log(10))
         else:
             fan_in = shape[0] if len(shape) == 2 else fan_in
             values = rng.uniform(-1, 1, shape) / math.sqrt(fan_in)

@@ -140,7 +140,8 @@ class ManyWays:
         keys, values = trx_os.pairs(
             params, config, trx_os.project(params, config, features), chosen
         )
-        weights = trx_os.attention(keys[ways:, None], keys[None, :ways])
+        bias = trx_os.place_bias(params, config, keys, chosen).bfloat16()
+        weights = trx_os.attention(keys[ways:, None], keys[None, :ways], bias)
         there = values[ways:, None] - trx_os.prototypes(weights, values[None, :ways])
         back = values[None, :ways] - trx_os.prototypes(weights.mT, values[ways:, None])
         distances = (trx_os.distance(config, there) + trx_os.distance(config, back)) / 2
