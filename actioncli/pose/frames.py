@@ -22,6 +22,8 @@ AHEAD = 2
 # What a broken header's frame rate is replaced by.
 USUAL_FPS = 30.0
 HIGHEST_FPS = 1000.0
+# OpenCV's lowest level of logging.
+_SILENT = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,12 +38,14 @@ def opened(source: str | int, backend: int) -> cv2.VideoCapture:
     """Open a file, an address or a camera; what the libraries would print is kept quiet."""
     # FFmpeg and OpenCV write their complaints past Python; what matters is told by our errors.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    # These functions are in another place since OpenCV 5.
+    logging = cv2.utils.logging if hasattr(cv2.utils, "logging") else cv2
+    level = logging.getLogLevel()
+    logging.setLogLevel(_SILENT)
     try:
         return cv2.VideoCapture(source, backend)
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        logging.setLogLevel(level)
 
 
 class VideoFile:

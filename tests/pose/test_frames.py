@@ -39,7 +39,10 @@ def test_every_frame_at_its_time(tmp_path: Path, name: str, fourcc: str) -> None
 def test_gif(tmp_path: Path) -> None:
     animation = cv2.Animation()
     animation.frames, animation.durations = numbered(10), [50] * 10
-    assert cv2.imwriteanimation(str(tmp_path / "a.gif"), animation)
+    try:
+        assert cv2.imwriteanimation(str(tmp_path / "a.gif"), animation)
+    except cv2.error:
+        pytest.skip("this OpenCV reads GIF but cannot write it")
     video = VideoFile(tmp_path / "a.gif")
     times = [frame.time for frame in video.frames()]
     np.testing.assert_allclose(times, np.arange(10) / 20, atol=2e-3)
