@@ -24,8 +24,8 @@ COHORT = 256
 # Weights of (-log T, -log warping cost, log radius, discriminator's logit) in the score, and its
 # bias, with T in units of the median T within the cohort. Fitted on validation classes of three
 # folds, each on queries that its model had not seen: see the model card.
-_PRIOR = (2.5, 3.2, 4.4, 0.1)
-_PRIOR_BIAS = -1.0
+_PRIOR = (1.7, 3.7, 6.1, 0.2)
+_PRIOR_BIAS = -1.8
 # How strongly the held-out classes of a run, which are few, may move these.
 _PRIOR_STRENGTH = 0.02
 
