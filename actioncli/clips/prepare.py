@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
@@ -66,17 +67,32 @@ def prepare(clip: Clip, preparation: Preparation) -> FloatArray:
         ClipError: the clip's layout lacks a joint that the model reads.
     """
     names = preparation.joints
+    frames = sample(_posed(clip, preparation), preparation.frames, preparation.motion)
+    # Between two frames a limb that swings is interpolated too short.
+    return standard_body(frames, names) if preparation.size == "standard" else frames
+
+
+def prepared_at(clip: Clip, preparation: Preparation) -> NDArray[np.float64]:
+    """Which frames of the clip, fractions allowed, `prepare` takes: (F,), from 0 to T - 1.
+
+    Raises:
+        ClipError: as `prepare`.
+    """
+    return sample_places(_posed(clip, preparation), preparation.frames, preparation.motion)
+
+
+def _posed(clip: Clip, preparation: Preparation) -> FloatArray:
+    """All frames of the clip as the model would see them, (T, J, 3)."""
+    names = preparation.joints
     joints = select_joints(clip.joints, clip.joint_names, names, clip.source)
     joints = joints - joints[:, [names.index("pelv")]]
     if preparation.heading:
         joints = turn_to_front(joints, names)
     if preparation.size == "torso":
-        joints = joints / torso_length(joints, names)
-    elif preparation.size == "standard":
-        joints = standard_body(joints, names)
-    frames = sample(joints, preparation.frames, preparation.motion)
-    # Between two frames a limb that swings is interpolated too short.
-    return standard_body(frames, names) if preparation.size == "standard" else frames
+        return np.asarray(joints / torso_length(joints, names), np.float32)
+    if preparation.size == "standard":
+        return standard_body(joints, names)
+    return joints
 
 
 def turn_to_front(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
@@ -122,7 +138,22 @@ def standard_body(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
 
 
 def sample(joints: FloatArray, frames: int, motion: float = 0.0) -> FloatArray:
-    """`frames` frames from first to last, linear between neighbours.
+    """`frames` frames from first to last at `sample_places`, linear between neighbours.
+
+    Args:
+        joints: (T, J, 3).
+
+    Returns:
+        (frames, J, 3).
+    """
+    at = sample_places(joints, frames, motion)
+    before = np.minimum(at.astype(int), len(joints) - 2)
+    share = (at - before).astype(np.float32)[:, None, None]
+    return np.asarray(joints[before] * (1 - share) + joints[before + 1] * share, np.float32)
+
+
+def sample_places(joints: FloatArray, frames: int, motion: float = 0.0) -> NDArray[np.float64]:
+    """Places from first to last frame, equidistant in time, or partly in motion.
 
     Args:
         joints: (T, J, 3).
@@ -132,15 +163,12 @@ def sample(joints: FloatArray, frames: int, motion: float = 0.0) -> FloatArray:
             (1 - motion) / (T - 1) + motion · m / Σm.
 
     Returns:
-        (frames, J, 3).
+        (frames,) from 0 to T - 1.
     """
     last = len(joints) - 1
-    at = np.linspace(0, last, frames)
-    if motion:
-        moved = np.linalg.norm(np.diff(joints, axis=0), axis=2).mean(axis=1)
-        advance = (1 - motion) / last + motion * moved / max(float(moved.sum()), 1e-9)
-        clock = np.concatenate([[0.0], np.cumsum(advance)])
-        at = np.interp(np.linspace(0, clock[-1], frames), clock, np.arange(last + 1))
-    before = np.minimum(at.astype(int), last - 1)
-    share = (at - before).astype(np.float32)[:, None, None]
-    return np.asarray(joints[before] * (1 - share) + joints[before + 1] * share, np.float32)
+    if not motion:
+        return np.linspace(0, last, frames)
+    moved = np.linalg.norm(np.diff(joints, axis=0), axis=2).mean(axis=1)
+    advance = (1 - motion) / last + motion * moved / max(float(moved.sum()), 1e-9)
+    clock = np.concatenate([[0.0], np.cumsum(advance)])
+    return np.interp(np.linspace(0, clock[-1], frames), clock, np.arange(last + 1))

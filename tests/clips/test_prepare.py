@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.clips.prepare import BONES, Preparation, prepare, sample
+from actioncli.clips.prepare import BONES, Preparation, prepare, prepared_at, sample
 from actioncli.errors import ClipError
 
 PAPER = Preparation()
@@ -129,3 +129,15 @@ def test_a_layout_without_wrists_is_refused_with_names() -> None:
     names = [f"joint{i}" for i in range(15)]
     with pytest.raises(ClipError, match=r"lwri.*--layout"):
         prepare(Clip(waving(), names), PAPER)
+
+
+@pytest.mark.parametrize("motion", [0.0, 0.5])
+def test_prepared_at_tells_which_frames_were_taken(motion: float) -> None:
+    clip = Clip(waving(), DEFAULT_JOINTS)
+    wanted = Preparation(frames=9, motion=motion)
+    at = prepared_at(clip, wanted)
+    assert (at[0], at[-1]) == (0, pytest.approx(39))
+    assert (np.diff(at) > 0).all()
+    hand = clip.joints[:, AT["rwri"]] - clip.joints[:, AT["pelv"]]
+    taken = np.stack([np.interp(at, np.arange(40), hand[:, axis]) for axis in range(3)], axis=1)
+    np.testing.assert_allclose(prepare(clip, wanted)[:, AT["rwri"]], taken, atol=0.01)
