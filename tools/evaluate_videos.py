@@ -1,0 +1,194 @@
+"""Measure recognition on videos of people: one clip enrolled an action, everything else asked.
+
+    python tools/evaluate_videos.py FOLDER --actions jumping_jack squat lunge push_up
+
+FOLDER holds ACTION/PERSON.*. Every way to enrol one clip of each of the actions is tried; the
+other clips of these actions are to be recognised, all remaining actions rejected. Then, for
+`watch`, clips of the actions and of others are joined into one video each, and its events are
+compared with what was joined. Prints tables in Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from actioncli.clips.clip import Clip
+from actioncli.events import STRIDE, Event, Spotter
+from actioncli.pose.frames import VideoFile
+from actioncli.pose.region import Image
+from actioncli.pose.stream import PoseStream, file_frames
+from actioncli.pose.video import read_video_clip
+from actioncli.recognizer import DEFAULT_TAU, Recognizer
+from actioncli.threshold import Threshold
+
+# The joined video: size, frame rate, and seconds that a clip may take of it.
+SIZE, FPS, LONGEST = (640, 480), 25, 8.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One clip of the folder."""
+
+    label: str
+    path: Path
+    clip: Clip
+
+
+def enrolments(
+    recordings: Sequence[Recording], actions: Sequence[str]
+) -> Iterator[tuple[Recording, ...]]:
+    """Every way to choose one recording of each action."""
+    choices = [[one for one in recordings if one.label == action] for action in actions]
+    return itertools.product(*choices)
+
+
+def classification(
+    recognizer: Recognizer, recordings: Sequence[Recording], actions: Sequence[str]
+) -> str:
+    """A row: nearest right, accepted right, unknown rejected, and areas under the curves."""
+    known: list[tuple[bool, float]] = []
+    unknown: list[float] = []
+    embedded = {one.path: recognizer.embed([one.clip]) for one in recordings}
+    for chosen in enrolments(recordings, actions):
+        support = {one.label: embedded[one.path] for one in chosen}
+        asked = [one for one in recordings if one not in chosen]
+        queries = np.concatenate([embedded[one.path] for one in asked])
+        compared = recognizer.compare(queries, support)
+        for one, distance, confidence in zip(
+            asked, compared.distance, compared.confidence, strict=True
+        ):
+            nearest = int(distance.argmin())
+            sure = float(confidence[nearest])
+            if one.label in actions:
+                known.append((str(compared.labels[nearest]) == one.label, sure))
+            else:
+                unknown.append(sure)
+    right = np.array([correct for correct, _ in known])
+    sure = np.array([confidence for _, confidence in known])
+    apart = np.mean(sure[:, np.newaxis] > np.array(unknown))
+    return (
+        f"{right.mean():.2f} | {(right & (sure > DEFAULT_TAU)).mean():.2f} | "
+        f"{np.mean(np.array(unknown) <= DEFAULT_TAU):.2f} | {apart:.2f} | "
+        f"{len(known)} + {len(unknown)}"
+    )
+
+
+def letterboxed(image: Image) -> Image:
+    """The whole picture in the joined video's size, on black."""
+    height, width = image.shape[:2]
+    scale = min(SIZE[0] / width, SIZE[1] / height)
+    small = cv2.resize(image, (round(width * scale), round(height * scale)))
+    out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    top, left = (SIZE[1] - small.shape[0]) // 2, (SIZE[0] - small.shape[1]) // 2
+    out[top : top + small.shape[0], left : left + small.shape[1]] = small
+    return out
+
+
+def join(parts: Sequence[Recording], path: Path) -> list[tuple[str, float, float]]:
+    """Write the clips one after another; returns label, start and end of each."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, SIZE)
+    truth, written = [], 0
+    for part in parts:
+        start = written
+        for frame in VideoFile(part.path).frames(end=LONGEST):
+            # Repeats frames of slow videos and leaves out some of fast ones.
+            while written - start <= frame.time * FPS:
+                writer.write(letterboxed(frame.image))
+                written += 1
+        truth.append((part.label, start / FPS, written / FPS))
+    writer.release()
+    return truth
+
+
+def watched(path: Path, spotter: Spotter, quality: str) -> list[Event]:
+    """The events in a video."""
+    poses = PoseStream(quality, seconds=max(spotter.windows) + 1)
+    events, looked = [], -STRIDE
+    for frame in file_frames(path):
+        poses.add(frame)
+        if frame.time - looked >= STRIDE:
+            looked = frame.time
+            events += spotter.look(poses.clip(), frame.time)
+    return events + spotter.finish()
+
+
+def watching(
+    recognizer: Recognizer,
+    recordings: Sequence[Recording],
+    actions: Sequence[str],
+    quality: str,
+    videos: int,
+) -> str:
+    """A row: precision and recall of events, each matched with at most one performance."""
+    found = right = performed = 0
+    random = np.random.default_rng(0)
+    ways = list(enrolments(recordings, actions))
+    for way in random.permutation(len(ways))[:videos]:
+        chosen = ways[way]
+        rest = [one for one in recordings if one not in chosen]
+        parts = [rest[n] for n in random.permutation(len(rest))]
+        support = {one.label: recognizer.embed([one.clip]) for one in chosen}
+        lengths = [one.clip.duration for one in chosen]
+        spotter = Spotter(recognizer, support, Threshold(DEFAULT_TAU, ""), lengths)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "joined.mp4")
+            truth = join(parts, path)
+            events = watched(path, spotter, quality)
+        open_ = [(label, start, end) for label, start, end in truth if label in actions]
+        found, performed = found + len(events), performed + len(open_)
+        for event in events:
+            hit = next(
+                (
+                    t
+                    for t in open_
+                    if t[0] == event.label and event.start < t[2] and t[1] < event.end
+                ),
+                None,
+            )
+            if hit is not None:
+                open_.remove(hit)
+                right += 1
+    precision = right / found if found else float("nan")
+    return f"{precision:.2f} | {right / performed:.2f} | {found} | {performed}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--actions", nargs="+", required=True)
+    parser.add_argument("--weights", type=Path)
+    parser.add_argument("--qualities", nargs="+", default=["fast", "accurate"])
+    parser.add_argument("--rates", nargs="+", type=float, default=[10, 15, 30])
+    parser.add_argument("--videos", type=int, default=2, help="joined videos for watch")
+    arguments = parser.parse_args()
+    recognizer = Recognizer(arguments.weights)
+    paths = sorted(path for path in arguments.folder.glob("*/*") if path.is_file())
+
+    def read(quality: str, rate: float) -> list[Recording]:
+        clips = ((p, read_video_clip(p, quality=quality, rate=rate)) for p in paths)
+        return [Recording(path.parent.name, path, clip) for path, clip in clips]
+
+    print("| quality | poses/s | nearest right | accepted right | unknown rejected | AUROC | n |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for quality, rate in itertools.product(arguments.qualities, arguments.rates):
+        row = classification(recognizer, read(quality, rate), arguments.actions)
+        print(f"| {quality} | {rate:g} | {row} |", flush=True)
+    if arguments.videos:
+        print("\n| quality | precision | recall | events | performances |")
+        print("| --- | --- | --- | --- | --- |")
+    for quality in arguments.qualities if arguments.videos else ():
+        recordings = read(quality, 15)
+        row = watching(recognizer, recordings, arguments.actions, quality, arguments.videos)
+        print(f"| {quality} | {row} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
