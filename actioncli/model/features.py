@@ -60,7 +60,9 @@ def token_features(config: ModelConfig, x: Array) -> Array:
         deviation = joints - xp.mean(joints, axis=1, keepdims=True)
         rate = 3.0 * min(frames / config.tokens, 2.0)
         parts = [joints, bone_directions(config, x), rate * velocity, 1.5 * deviation]
-        x = xp.concat([xp.reshape(part, (n, frames, -1)) for part in parts], axis=2)
+        # No -1 for the last length: there may be no clips at all.
+        flat = [xp.reshape(part, (n, frames, 3 * part.shape[2])) for part in parts]
+        x = xp.concat(flat, axis=2)
     return xp.reshape(x, (n, config.tokens, config.inputs))
 
 
@@ -81,4 +83,5 @@ def warp_features(config: ModelConfig, components: Array, x: Array) -> Array:
     step = x.shape[1] // config.tokens
     directions = bone_directions(config, x[:, step // 2 :: step, ...])
     directions = directions - 0.5 * xp.mean(directions, axis=1, keepdims=True)
-    return xp.reshape(directions, (*directions.shape[:2], -1)) @ components
+    n, tokens, bones, _ = directions.shape
+    return xp.reshape(directions, (n, tokens, 3 * bones)) @ components
