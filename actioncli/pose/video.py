@@ -121,10 +121,11 @@ def read_poses(
     video = VideoFile(path)
     settings = {
         "networks": [shipped_checksum(DETECTOR), shipped_checksum(LANDMARKS[quality])],
-        "start": begin,
-        "end": end,
+        # 2 and 2.0 are the same time.
+        "start": float(begin),
+        "end": None if end is None else float(end),
         "person": person,
-        "rate": rate,
+        "rate": None if rate is None else float(rate),
     }
     key = pose_cache.cache_key(path, settings) if cache else ""
     found = pose_cache.load(key) if cache else None
