@@ -10,9 +10,9 @@ import torch
 from torch import Generator, Tensor
 
 from actioncli.training.motions import (
-    _LENGTHS,
     LEFT_ARM,
     LEFT_LEG,
+    LENGTHS,
     RIGHT_ARM,
     RIGHT_LEG,
     at_times,
@@ -86,19 +86,19 @@ def freeze_bones(bones: Tensor, chance: Generator) -> Tensor:
 def disturb(bones: Tensor, chance: Generator) -> Tensor:
     """Joints that a sensor places otherwise, that wander and that tremble; often worse in depth."""
     batch, frames, count = bones.shape[:3]
-    normal = lambda *shape: torch.randn(*shape, generator=chance)  # noqa: E731
     wander = torch.nn.functional.interpolate(
-        normal(batch, count * 3, 8), frames, mode="linear", align_corners=True
+        _normal(chance, batch, count * 3, 8), frames, mode="linear", align_corners=True
     )
+    wander = wander.transpose(1, 2).reshape(batch, frames, count, 3)
     error = (
-        0.07 * normal(batch, 1, count, 3)
-        + 0.06 * _uniform(chance, batch, 1, 1, 1) * wander.transpose(1, 2).unflatten(2, (count, 3))
-        + 0.05 * _uniform(chance, batch, 1, 1, 1) * normal(batch, frames, count, 3)
+        0.07 * _normal(chance, batch, 1, count, 3)
+        + 0.06 * _uniform(chance, batch, 1, 1, 1) * wander
+        + 0.05 * _uniform(chance, batch, 1, 1, 1) * _normal(chance, batch, frames, count, 3)
     )
     deep = 2 * _uniform(chance, batch, 1, 1, 1) * (_uniform(chance, batch, 1, 1, 1) < 0.5)
     depth = 1 + deep * torch.tensor([0.0, 0.0, 1.0])
     # An error of a joint's place turns a short bone more than a long one.
-    return unit(bones + depth * error / _LENGTHS.clamp(min=0.3).sqrt())
+    return unit(bones + depth * error / LENGTHS.clamp(min=0.3).sqrt())
 
 
 def exaggerate(bones: Tensor, chance: Generator) -> Tensor:
@@ -122,3 +122,7 @@ def turn(bones: Tensor, chance: Generator) -> Tensor:
 
 def _uniform(chance: Generator, *shape: int) -> Tensor:
     return torch.rand(*shape, generator=chance)
+
+
+def _normal(chance: Generator, *shape: int) -> Tensor:
+    return torch.randn(*shape, generator=chance)

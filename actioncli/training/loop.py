@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from actioncli._version import __version__
@@ -128,7 +129,7 @@ def train(
         raise
     best = max(state.history, key=lambda entry: entry["score"])
     learned = {name: state.best[name].numpy() for name in parameter_shapes(recipe.config)}
-    arrays = close(recipe.config, learned, data, validation, seed)
+    arrays = close(recipe.config, learned, data, seed)
     metadata: dict[str, Any] = {
         "actioncli": __version__,
         "recipe": recipe.as_json(),
@@ -179,12 +180,13 @@ def _new_state(config: ModelConfig, extra: dict[str, float], seed: int) -> Train
     params: dict[str, Tensor] = {}
     fan_in = 1
     for name, shape in parameter_shapes(config).items():
+        values: NDArray[np.floating[Any]]
         if name.endswith("scale"):
             values = np.ones(shape)
         elif name.endswith("shift"):
             values = np.zeros(shape)
         elif name == "positions":
-            values = positional_encoding(*shape).astype(float)
+            values = positional_encoding(*shape)
         elif name == "attention.decay":
             values = np.full(shape, math.log(10))
         else:

@@ -19,7 +19,7 @@ from actioncli.clips.prepare import BONES, Preparation, prepare
 FRAMES = 64
 
 _AT = {child: bone for bone, (child, _, _) in enumerate(BONES)}
-_LENGTHS = torch.tensor([length for _, _, length in BONES])[:, None]
+LENGTHS = torch.tensor([length for _, _, length in BONES])[:, None]
 _MIRRORED = [
     _AT[{"l": "r", "r": "l"}.get(c[0], "") + c[1:]] if c[0] in "lr" else _AT[c] for c in _AT
 ]
@@ -53,7 +53,8 @@ def bodies(bones: Tensor) -> Tensor:
 
 def unit(vectors: Tensor) -> Tensor:
     """Vectors of length one; the zero vector stays."""
-    return vectors / (vectors.norm(dim=-1, keepdim=True) + 1e-6)
+    scaled: Tensor = vectors / (torch.linalg.vector_norm(vectors, dim=-1, keepdim=True) + 1e-6)
+    return scaled
 
 
 def mirrored(bones: Tensor) -> Tensor:
@@ -81,7 +82,7 @@ def frames_for_model(bones: Tensor, preparation: Preparation) -> Tensor:
     """What `prepare` would give: (B, 64, 14, 3) → (B, frames, 15, 3), equidistant in motion."""
     joints = bodies(bones)
     last = bones.shape[1] - 1
-    moved = (joints[:, 1:] - joints[:, :-1]).norm(dim=-1).mean(dim=-1)
+    moved = torch.linalg.vector_norm(joints[:, 1:] - joints[:, :-1], dim=-1).mean(dim=-1)
     share = moved / moved.sum(dim=1, keepdim=True).clamp(min=1e-9)
     advance = (1 - preparation.motion) / last + preparation.motion * share
     clock = torch.cat([torch.zeros(len(bones), 1), advance.cumsum(dim=1)], dim=1)

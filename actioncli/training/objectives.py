@@ -156,4 +156,5 @@ class ManyWays:
         seen = trx_os.tuple_features(params, difference) * (config.pairs / len(chosen))
         features = seen.new_zeros(*seen.shape[:-2], config.pairs, seen.shape[-1])
         features[..., chosen, :] = seen
-        return trx_os.judge(params, features)
+        logits: Tensor = trx_os.judge(params, features)
+        return logits

@@ -5,14 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actioncli.clips.clip import FloatArray
-from actioncli.clips.prepare import prepare
 from actioncli.evaluation.metrics import auroc, oscr
-from actioncli.model import compare
-from actioncli.model.arrays import Params
-from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights
 from actioncli.recognizer import Recognizer
 from actioncli.training.data import TrainingSet
@@ -75,32 +69,3 @@ class Validation:
         score = np.stack(confidence)
         area = oscr(score[known], right, score[~known])
         return Figures(float(right.mean()), auroc(score[known], score[~known]), area, area)
-
-    def nearest(
-        self, params: Params, config: ModelConfig, weight: NDArray[np.float64]
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """What the score is made of, for every query and the action nearest to it.
-
-        Args:
-            params: tensors without the score's.
-            config: a configuration with a warping cost.
-            weight: (4,) by which the nearest action is found.
-
-        Returns:
-            (M, 4) terms of the score, see `compare.weighted`; (M,) whether the query is known
-            and the nearest action right.
-        """
-        frames = np.stack([prepare(clip, config.preparation) for clip in self._clips])
-        embeddings = compare.embed(params, config, frames)
-        terms, hits = [], []
-        for support, queries, targets in zip(
-            self._support, self._queries, self._targets, strict=True
-        ):
-            parts = compare.score_parts(
-                params, config, embeddings[queries], [embeddings[[clip]] for clip in support]
-            )
-            each = compare.weighted(config, parts)
-            best = (each @ weight).argmax(axis=1)
-            terms.append(each[np.arange(len(best)), best])
-            hits.append(best == targets)
-        return np.concatenate(terms), np.concatenate(hits)
