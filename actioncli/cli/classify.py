@@ -26,6 +26,7 @@ from actioncli.cli.common import (
     tell_notes,
     used_threshold,
 )
+from actioncli.cli.explain import check_explanation, explain_decision
 from actioncli.cli.output import error_entry, number, printable, say, table, write_json
 from actioncli.cli.video import (
     CacheOption,
@@ -72,6 +73,14 @@ def classify(
     cache: CacheOption = True,
     pose: PoseOption = "blazepose",
     pose_model: PoseModelOption = None,
+    explain: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.html",
+            help="Write a page that shows why one clip is accepted or rejected.",
+            show_default=False,
+        ),
+    ] = None,
     annotate: Annotated[
         Path | None,
         typer.Option(
@@ -91,6 +100,7 @@ def classify(
     Examples:
       actioncli classify query.mp4
       actioncli classify query.mp4 --annotate seen.mp4
+      actioncli classify query.mp4 --explain why.html
       actioncli classify recordings/ --tau 0.7 --top 3
       actioncli classify 'day2/*.npy' --json
 
@@ -109,6 +119,8 @@ def classify(
     network = None if quality is None else checked_quality(quality)
     if annotate is not None:
         check_annotation(clips, annotate, pose == "metrabs")
+    if explain is not None:
+        check_explanation(clips, explain)
     shown = not settings.quiet
     model = chosen_pose_model(pose, pose_model)
     reading = Reading(layout, unit, up, fps, start, end, network, person, cache, model, shown)
@@ -140,6 +152,8 @@ def classify(
         milliseconds = (time.perf_counter() - begun) * 1e3
         if annotate is not None:
             write_annotation(reading, path, annotate, decision)
+        if explain is not None:
+            explain_decision(settings, recognizer, clip, decision, explain)
         rejected += not decision.accepted
         if settings.json:
             entries.append(_entry(str(path), decision, top, milliseconds))

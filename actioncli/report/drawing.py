@@ -91,7 +91,7 @@ def svg(drawing: Drawing, theme: Theme | None = None) -> str:
         style += f"@media (prefers-color-scheme:dark){{{dark}}}"
     size = f"{drawing.width:g} {drawing.height:g}"
     title = escape(drawing.title)
-    body = "\n".join(map(_element, drawing.shapes))
+    body = elements(drawing.shapes)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}" width="{drawing.width:g}" '
         f'height="{drawing.height:g}" role="img" aria-label="{title}">\n<title>{title}</title>\n'
@@ -99,6 +99,11 @@ def svg(drawing: Drawing, theme: Theme | None = None) -> str:
         "line{stroke-linecap:round}</style>\n"
         f'<rect width="100%" height="100%" fill="var(--paper)"/>\n{body}\n</svg>\n'
     )
+
+
+def elements(shapes: Sequence[Shape]) -> str:
+    """Shapes as SVG elements, for a picture whose colours are the variables of its roles."""
+    return "\n".join(map(_element, shapes))
 
 
 def _variables(palette: Mapping[Role, str]) -> str:

@@ -55,9 +55,10 @@ class Stage:
     """Gathers the figures of a page and writes the players that show them."""
 
     figures: list[dict[str, Any]] = field(default_factory=list)
+    players: int = 0
 
     def player(self, name: str, shown: Sequence[tuple[str, dict[str, Any]]]) -> str:
-        """Figures side by side, playing in step.
+        """Figures side by side, playing in step; the ids are player1, player2 and so on.
 
         Args:
             name: what the controls say that they control.
@@ -73,8 +74,10 @@ class Stage:
             )
             self.figures.append(data)
         label = escape(name)
+        self.players += 1
         return (
-            f'<div class="player"><div class="stage">{"".join(panels)}</div>'
+            f'<div class="player" id="player{self.players}">'
+            f'<div class="stage">{"".join(panels)}</div>'
             '<div class="controls"><button type="button" class="play" '
             f'aria-label="Play or pause: {label}">Play</button>'
             '<input class="scrub" type="range" min="0" max="1000" value="0" '

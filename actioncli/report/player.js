@@ -91,7 +91,7 @@
       const glow = figure.glow && figure.glow[joint];
       if (glow) {
         // The area of the mark is the joint's share of the distance.
-        g.globalAlpha = 0.75;
+        g.globalAlpha = 0.55;
         g.beginPath(); g.arc(flat[joint][0], flat[joint][1], side * 0.12 * Math.sqrt(glow), 0, 2 * Math.PI);
         g.fillStyle = colour("mark"); g.fill();
         g.globalAlpha = 1;
@@ -105,6 +105,7 @@
     const shown = canvases.map((canvas) => figures[Number(canvas.dataset.figure)]);
     const [play, scrub, said, front] = ["play", "scrub", "said", "front"].map((name) =>
       player.querySelector("." + name));
+    const followers = document.querySelectorAll(`[data-player="${player.id}"]`);
     const seconds = Math.max(1, ...shown.map((figure) => figure.seconds));
     const box = Math.max(...shown.map((figure) => figure.box));
     const view = { ...FRONT };
@@ -114,7 +115,7 @@
       canvases.forEach((canvas, i) => draw(canvas, shown[i], share, view, box));
       scrub.value = String(Math.round(1000 * share));
       said.value = Math.round(100 * share) + " %";
-      player.dispatchEvent(new CustomEvent("moment", { detail: share }));
+      for (const line of followers) line.setAttribute("transform", `translate(${share * line.dataset.span} 0)`);
     }
     function tick(now) {
       if (!playing) return;

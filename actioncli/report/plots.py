@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from html import escape
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 WIDTH, HEIGHT = 400.0, 280.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 22.0, 12.0, 42.0
@@ -34,6 +34,17 @@ class Axis:
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
+def fitting(label: str, low: float, high: float) -> Axis:
+    """An axis with round ticks that holds 0 and the values from low to high."""
+    low, high = min(low, 0.0), max(high, 0.0)
+    reach = high - low or 1.0
+    power = 10.0 ** np.floor(np.log10(reach / 4))
+    step = next(power * each for each in (1, 2, 5, 10) if power * each >= reach / 4)
+    first, last = int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9))
+    ticks = tuple(float(f"{step * tick:.6g}") for tick in range(first, max(last, first + 1) + 1))
+    return Axis(label, ticks[0], ticks[-1], ticks)
+
+
 @dataclass
 class Plot:
     """Marks in data coordinates; `series` numbers choose colour and dashes."""
@@ -47,7 +58,7 @@ class Plot:
     def line(
         self, xs: ArrayLike, ys: ArrayLike, series: int, name: str, dots: bool = False
     ) -> None:
-        """A line through points, with a name in the legend."""
+        """A line through points, in the legend if it has a name."""
         points = self._points(xs, ys)
         joined = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         self._marks.append(
@@ -60,7 +71,8 @@ class Plot:
                 f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="var(--s{series})"/>'
                 for x, y in points
             ]
-        self._legend.append((series, name))
+        if name:
+            self._legend.append((series, name))
 
     def band(self, xs: ArrayLike, lows: ArrayLike, highs: ArrayLike, series: int) -> None:
         """The area between two lines."""
@@ -82,6 +94,30 @@ class Plot:
                 f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{2.5 + 14 * area**0.5:.1f}" '
                 f'fill="var(--s{series})" opacity="0.5"/>'
             )
+
+    def cells(self, shares: NDArray[np.float64], series: int) -> None:
+        """A matrix over the whole plot, its first row at the bottom, the darker the larger."""
+        rows, columns = shares.shape
+        top = max(float(shares.max()), 1e-12)
+        (x0, y0), (x1, y1) = self._place(0, 0), self._place(1, 1)
+        width, height = (x1 - x0) / columns, (y0 - y1) / rows
+        for row in range(rows):
+            for column in range(columns):
+                share = float(shares[row, column])
+                if share > 0.02 * top:
+                    self._marks.append(
+                        f'<rect x="{x0 + column * width:.1f}" y="{y0 - (row + 1) * height:.1f}" '
+                        f'width="{width:.1f}" height="{height:.1f}" fill="var(--s{series})" '
+                        f'opacity="{share / top:.2f}"><title>{share:.0%}</title></rect>'
+                    )
+
+    def cursor(self, player: str) -> None:
+        """A vertical line that follows a player; the axis is its way, from 0 to 1."""
+        (x0, _), (x1, _) = self._place(0, 0), self._place(1, 0)
+        self._marks.append(
+            f'<line data-player="{player}" data-span="{x1 - x0:.1f}" x1="{x0:.1f}" y1="{_TOP}" '
+            f'x2="{x0:.1f}" y2="{HEIGHT - _BOTTOM}" stroke="var(--ink)" stroke-width="1.5"/>'
+        )
 
     def rule(self, at: float, name: str) -> None:
         """A vertical rule with its name, such as a threshold."""

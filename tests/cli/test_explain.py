@@ -1,0 +1,103 @@
+"""`classify --explain`: the page, for accepted and for rejected clips."""
+
+import re
+from pathlib import Path
+
+import pytest
+from report.browser import ask, needs_chromium
+
+from actioncli import SupportStore
+
+from .conftest import EXAMPLES, Invoke
+
+WAVE, PUNCH = EXAMPLES / "wave_right/ada.npz", EXAMPLES / "punch_right/dev.npz"
+
+
+@pytest.mark.parametrize(("tau", "accepted"), [("0", True), ("1", False)])
+def test_accepted_and_rejected_clips_get_the_same_page(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path, tau: str, accepted: bool
+) -> None:
+    page = tmp_path / "why.html"
+    result = invoke("classify", WAVE, "--tau", tau, "--explain", page)
+    assert result.exit_code == (0 if accepted else 1), result.stderr
+    assert f"explained in {page}" in result.stderr
+    text = page.read_text(encoding="utf-8")
+    assert ("Accepted as" if accepted else "is not above the threshold") in text
+    for part in ("The nearest actions", "By joint", "By moment", "right wrist",
+                 "Attention between moments", "What happened to the clip before",
+                 "unit inferred from the size of the body"):  # fmt: skip
+        assert part in text
+    assert text.count("<canvas") == 4
+    assert not re.search(r"\bnan\b", text, re.IGNORECASE)
+    assert "https://" not in text
+
+
+def test_a_nearer_negative_is_the_reason(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    assert invoke("enroll", "--negative", PUNCH).exit_code == 0
+    page = tmp_path / "why.html"
+    assert invoke("classify", PUNCH, "--tau", 0, "--explain", page).exit_code == 1
+    assert "a negative is nearer" in page.read_text(encoding="utf-8")
+
+
+def test_labels_stay_text(invoke: Invoke, tmp_path: Path) -> None:
+    label = "</script><script>alert(1)</script>"
+    invoke("enroll", label, WAVE)
+    page = tmp_path / "why.html"
+    invoke("classify", WAVE, "--explain", page)
+    text = page.read_text(encoding="utf-8")
+    assert "alert(1)" in text
+    assert "<script>alert" not in text
+    assert text.count("<canvas") == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([WAVE, PUNCH, "--explain", "a.html"], "tells about one clip"),
+        ([EXAMPLES / "squat", "--explain", "a.html"], "tells about one clip"),
+        ([WAVE, "--explain", "a.png"], "ends in .html"),
+        ([WAVE, "--explain", "none/a.html"], "folder does not exist"),
+    ],
+)
+def test_what_cannot_be_explained_is_told_first(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    words: list[object], message: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    result = invoke("classify", *words)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not list(tmp_path.glob("*.html"))
+
+
+@needs_chromium
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_page_plays_in_step(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path, dark: bool
+) -> None:
+    page = tmp_path / "why.html"
+    invoke("classify", PUNCH, "--explain", page)
+    got = ask(
+        page,
+        """
+        const canvases = [...document.querySelectorAll("canvas")];
+        const before = canvases.map((c) => c.toDataURL());
+        const line = document.querySelector("[data-player]");
+        const scrub = document.querySelector(".scrub");
+        scrub.value = 500; scrub.dispatchEvent(new Event("input"));
+        const after = canvases.map((c) => c.toDataURL());
+        const nameless = [...document.querySelectorAll("button, input, canvas, svg[role=img]")]
+          .filter((e) => !e.getAttribute("aria-label")).length;
+        return { moved: before.map((each, i) => each !== after[i]), nameless,
+          follows: line.getAttribute("transform"), span: Number(line.dataset.span),
+          wide: document.documentElement.scrollWidth - innerWidth };
+        """,
+        500,
+        dark,
+    )
+    assert got["moved"] == [True] * 4
+    assert got["nameless"] == 0
+    assert got["follows"] == f"translate({got['span'] / 2:g} 0)"
+    assert got["wide"] <= 0
