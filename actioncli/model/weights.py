@@ -66,12 +66,12 @@ def write_weights(
     from safetensors.numpy import save
 
     stored = {name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()}
-    told = json.dumps(dict(metadata), sort_keys=True)
-    checksum = _checksum(config, told, stored)
+    configuration, told = config.to_json(), json.dumps(dict(metadata), sort_keys=True)
+    checksum = _checksum(configuration, told, stored)
     header = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
-        "config": config.to_json(),
+        "config": configuration,
         "metadata": told,
         "checksum": checksum,
     }
@@ -114,7 +114,8 @@ def read_weights(path: str | Path | None = None) -> Weights:
             f"actioncli reads version {FORMAT_VERSION}; update actioncli or train again."
         )
     try:
-        config = ModelConfig.from_json(header["config"])
+        configuration = header["config"]
+        config = ModelConfig.from_json(configuration)
         told, checksum = header["metadata"], header["checksum"]
         metadata = json.loads(told)
     except (KeyError, ValueError) as error:
@@ -125,14 +126,15 @@ def read_weights(path: str | Path | None = None) -> Weights:
     cohort = shapes.get("cohort", (0,))[0]
     if shapes != parameter_shapes(config) | closing_shapes(config, cohort):
         raise WeightsError(f"{file}: tensors do not fit the configuration in the header.")
-    if checksum != _checksum(config, told, stored):
+    if checksum != _checksum(configuration, told, stored):
         raise WeightsError(f"{file}: damaged, the checksum does not match the content.")
     tensors = {name: tensor.astype(np.float32, copy=False) for name, tensor in stored.items()}
     return Weights(config, tensors, metadata, checksum, file)
 
 
-def _checksum(config: ModelConfig, told: str, tensors: Mapping[str, np.ndarray[Any, Any]]) -> str:
-    digest = hashlib.sha256(f"{config.to_json()}\n{told}\n".encode())
+def _checksum(configuration: str, told: str, tensors: Mapping[str, np.ndarray[Any, Any]]) -> str:
+    # Over the text that is stored: what a later version makes of it may have more keys.
+    digest = hashlib.sha256(f"{configuration}\n{told}\n".encode())
     for name in sorted(tensors):
         tensor = tensors[name]
         digest.update(f"{name} {tensor.dtype.str} {tensor.shape}".encode())

@@ -200,49 +200,49 @@ def _ranking(decision: Decision) -> str:
 def _summary(
     query: Clip, decision: Decision, explanation: Explanation, preparation: Preparation
 ) -> str:
-    made = explanation.distance - explanation.base
     most = sorted(explanation.joints, key=lambda joint: -explanation.joints[joint])[:3]
     most = [joint for joint in most if explanation.joints[joint] > 0]
-    if made <= 0 or not most:
+    if explanation.distance <= explanation.base or not most:
         return (
             "<p>The query is at least as near to the action as its own enrolled example: nothing "
             "about it stands out.</p>"
         )
     named = ", ".join(
-        f"{joint_name(joint)} ({explanation.joints[joint] / made:.0%})" for joint in most
+        f"{joint_name(joint)} ({explanation.joints[joint] / explanation.distance:.0%})"
+        for joint in most
     )
     at = prepared_at(query, preparation) / query.fps
     edges = np.linspace(0, len(at) - 1, len(explanation.moments) + 1)
     first, last = _densest(explanation.moments)
     span = np.interp([edges[first], edges[last + 1]], np.arange(len(at)), at)
-    share = float(explanation.moments[first : last + 1].sum()) / made
+    share = float(explanation.moments[first : last + 1].sum()) / explanation.distance
     return (
-        f"<p>Of what the query differs from the enrolled example of {escape(decision.nearest)}, "
-        f"most lies in {named}, and {share:.0%} of it between {span[0]:.1f} s and {span[1]:.1f} s "
-        "of the query.</p>"
+        f"<p>Most of the distance to {escape(decision.nearest)} comes from {named}; {share:.0%} of "
+        f"it arises between {span[0]:.1f} s and {span[1]:.1f} s of the query.</p>"
     )
 
 
 def _joints(explanation: Explanation) -> str:
     parts = sorted(explanation.joints.items(), key=lambda each: -abs(each[1]))
     largest = max(abs(part) for _, part in parts) or 1.0
+    whole = explanation.distance or 1.0
     rows = "".join(
         f'<tr><th scope="row">{escape(joint_name(joint))}</th><td class="bar"><div>'
         f'<span class="{"more" if part >= 0 else "less"}" '
         f'style="width:{100 * abs(part) / largest:.1f}%"></span></div></td>'
-        f"<td>{_signed(part)}</td></tr>"
+        f"<td>{_percent(part / whole)}</td><td>{_signed(part)}</td></tr>"
         for joint, part in parts
     )
     return (
         '<figure><h3>By joint</h3><table class="bars"><tbody>'
-        f"{rows}</tbody></table><figcaption>Hatched: the joint brings the query nearer to the "
-        "action than the example is.</figcaption></figure>"
+        f"{rows}</tbody></table><figcaption>Share of the distance, and in its unit. Hatched: the "
+        "joint brings the query nearer to the action than the example is.</figcaption></figure>"
     )
 
 
 def _moments(explanation: Explanation) -> str:
-    values = explanation.moments
-    y = fitting("part of the distance", float(values.min()), float(values.max()))
+    values = explanation.moments / (explanation.distance or 1.0)
+    y = fitting("share of the distance", float(values.min()), float(values.max()), percent=True)
     plot = Plot("By moment", Axis("way through the query", 0, 1, SHARES, percent=True), y)
     edges = np.linspace(0, 1, len(values) + 1)
     plot.steps(edges, values, 0, "")
@@ -280,7 +280,10 @@ def _attention(
         Axis("way through the query", 0, 1, SHARES, percent=True),
     )
     plot.cells(explanation.attention, 0)
-    heat = plot.html("XX means that both go through the action alike.")
+    heat = plot.html(
+        "The stronger the colour, the more a moment of the query is compared with a moment of the "
+        "example; a straight diagonal means that both go through the action alike."
+    )
     moments = len(explanation.moments)
     shown = "".join(
         _pair(each, query, nearest.clip, moments, config.preparation) for each in explanation.pairs
@@ -374,6 +377,10 @@ def _short(value: float) -> str:
     if abs(value) < 1e-9:
         return "0"
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.3e}"
+
+
+def _percent(share: float) -> str:
+    return f"{'−' if share < 0 else ''}{abs(share):.0%}"
 
 
 def _signed(value: float) -> str:

@@ -28,13 +28,13 @@ class Axis:
 
     def said(self, tick: float) -> str:
         """The tick as people read it."""
-        return f"{100 * tick:.0f} %" if self.percent else f"{tick:g}"
+        return f"{100 * tick:.3g} %" if self.percent else f"{tick:g}"
 
 
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
-def fitting(label: str, low: float, high: float) -> Axis:
+def fitting(label: str, low: float, high: float, percent: bool = False) -> Axis:
     """An axis with round ticks that holds 0 and the values from low to high."""
     low, high = min(low, 0.0), max(high, 0.0)
     reach = high - low or 1.0
@@ -42,7 +42,7 @@ def fitting(label: str, low: float, high: float) -> Axis:
     step = next(power * each for each in (1, 2, 5, 10) if power * each >= reach / 4)
     first, last = int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9))
     ticks = tuple(float(f"{step * tick:.6g}") for tick in range(first, max(last, first + 1) + 1))
-    return Axis(label, ticks[0], ticks[-1], ticks)
+    return Axis(label, ticks[0], ticks[-1], ticks, percent)
 
 
 @dataclass
