@@ -61,6 +61,14 @@ def calibrate(
     reset: Annotated[
         bool, typer.Option("--reset", help="Forget the kept threshold; measure nothing.")
     ] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Also write a page of plots and tables, with the figures as CSV and JSON.",
+            show_default=False,
+        ),
+    ] = None,
     weights: WeightsOption = None,
     layout: LayoutOption = None,
     unit: UnitOption = None,
@@ -83,6 +91,7 @@ def calibrate(
     Examples:
       actioncli calibrate
       actioncli calibrate --negatives everyday/ --target-far 0.02 --dry-run
+      actioncli calibrate --report calibration
       actioncli calibrate --reset
 
     \b
@@ -95,12 +104,18 @@ def calibrate(
     With --reset: tau, kept
     """
     if reset:
-        if negatives or per_action or dry_run:
-            raise UsageError("--reset only forgets: no --negatives, --per-action or --dry-run.")
+        if negatives or per_action or dry_run or report:
+            raise UsageError(
+                "--reset only forgets: no --negatives, --per-action, --dry-run or --report."
+            )
         _forget(settings)
         return
     if not 0 < target_far < 1:
         raise UsageError(f"--target-far must lie between 0 and 1, not {target_far:g}.")
+    if report is not None:
+        from actioncli.report.figures import check_folder
+
+        check_folder(report)
     from actioncli.calibration import recommend, run_trials
     from actioncli.recognizer import Recognizer
     from actioncli.threshold import Threshold, keep_threshold, kept_threshold
@@ -133,19 +148,23 @@ def calibrate(
                 store, Threshold(found.tau, checksum, found.actions) if found.measured else None
             )
 
+    document = {
+        "tau": number(found.tau),
+        "measured": found.measured,
+        "kept": found.measured and not dry_run,
+        "target_far": number(target_far),
+        "weights": checksum,
+        **_figures(trials, found),
+        "notes": notes,
+        "failed": failed,
+    }
+    if report is not None:
+        from actioncli.report.calibration import write_calibration
+
+        page = write_calibration(report, trials, found, _outcome(found, dry_run), document)
+        settings.tell(f"report: {printable(page)}")
     if settings.json:
-        write_json(
-            {
-                "tau": number(found.tau),
-                "measured": found.measured,
-                "kept": found.measured and not dry_run,
-                "target_far": number(target_far),
-                "weights": checksum,
-                **_figures(trials, found),
-                "notes": notes,
-                "failed": failed,
-            }
-        )
+        write_json(document)
     else:
         if not settings.quiet:
             _print(trials, found, per_action)

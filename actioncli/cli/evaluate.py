@@ -174,7 +174,7 @@ def evaluate(
         _check_target(as_json)
 
     if report is not None:
-        from actioncli.report.evaluation import check_folder
+        from actioncli.report.figures import check_folder
 
         check_folder(report)
 

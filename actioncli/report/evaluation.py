@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from actioncli.errors import UsageError
 from actioncli.evaluation.acceptance import Acceptance
 from actioncli.evaluation.confusions import Confusion, worst_confusions
 from actioncli.evaluation.curves import Pool, curves, histogram
@@ -22,9 +21,6 @@ from actioncli.report.plots import SHARES, Axis, Plot
 
 if TYPE_CHECKING:
     from actioncli.clips.collection import Collection
-
-# The page of a report; `figures.json` also marks a folder as one.
-PAGE, FIGURES = "index.html", "figures.json"
 
 _TABLE_METRICS = {
     "fsos_accuracy": "FSOS-ACC",
@@ -54,25 +50,12 @@ class Report:
     document: Mapping[str, Any]
 
 
-def check_folder(folder: Path) -> None:
-    """Find out whether a report could be written there, before any work.
-
-    Raises:
-        UsageError: it is no folder, or one that holds something else.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"{folder}: a report is a folder; this is a file.")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / FIGURES).is_file():
-        raise UsageError(f"{folder}: holds something else; give a new folder for the report.")
-
-
 def write_report(folder: Path, report: Report) -> Path:
     """Write the report, over an earlier one if there is one; the page's path.
 
     Raises:
-        UsageError: as `check_folder`, or the files cannot be written.
+        UsageError: as `tables.write_folder`.
     """
-    check_folder(folder)
     worst = _confusions(report)
     rows = {
         "figures": tables.figure_rows(report.found),
@@ -85,19 +68,8 @@ def write_report(folder: Path, report: Report) -> Path:
     more = {name: rows[name] for name in ("curves", "scores", "confusions")}
     stage = Stage()
     body = "\n".join(_sections(report, worst, stage))
-    first = report.found[0]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tables.write_json(folder / FIGURES, {**report.document, **more})
-        for name, lines in rows.items():
-            tables.write_csv(folder / f"{name}.csv", lines)
-        (folder / PAGE).write_text(
-            page(f"Evaluation of {first.scorer}", body, stage.figures), encoding="utf-8"
-        )
-    except OSError as error:
-        where = error.filename or folder
-        raise UsageError(f"{where}: cannot be written: {error.strerror or error}.") from error
-    return folder / PAGE
+    whole = page(f"Evaluation of {report.found[0].scorer}", body, stage.figures)
+    return tables.write_folder(folder, whole, {**report.document, **more}, rows)
 
 
 def _confusions(report: Report) -> list[Confusion]:

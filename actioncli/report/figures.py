@@ -1,4 +1,4 @@
-"""A report's figures as tables: what its plots show, for spreadsheets and programs."""
+"""A report's folder: a page, and what its plots show as tables for spreadsheets and programs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,59 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from actioncli.errors import UsageError
 from actioncli.evaluation.acceptance import Acceptance
 from actioncli.evaluation.confusions import Confusion
 from actioncli.evaluation.curves import Pool, curves, histogram
 from actioncli.evaluation.result import CLASSES_FOR_MEAN, METRICS, Answers, Evaluation, Result
 
 Row = dict[str, Any]
+
+# The page of a report; `figures.json` also marks a folder as one.
+PAGE, FIGURES = "index.html", "figures.json"
+
+
+def check_folder(folder: Path) -> None:
+    """Find out whether a report could be written there, before any work.
+
+    Raises:
+        UsageError: it is no folder, or one that holds something else.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder}: a report is a folder; this is a file.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / FIGURES).is_file():
+        raise UsageError(f"{folder}: holds something else; give a new folder for the report.")
+
+
+def write_folder(
+    folder: Path,
+    page: str,
+    document: Mapping[str, Any],
+    rows: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> Path:
+    """Write a report, over an earlier one if there is one; the page's path.
+
+    Args:
+        folder: made if it is not there.
+        page: HTML.
+        document: becomes `figures.json`; its numbers must be finite.
+        rows: for each name the rows of a CSV file.
+
+    Raises:
+        UsageError: as `check_folder`, or the files cannot be written.
+    """
+    check_folder(folder)
+    text = json.dumps(document, indent=1, allow_nan=False)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / FIGURES).write_text(f"{text}\n", encoding="utf-8")
+        for name, lines in rows.items():
+            write_csv(folder / f"{name}.csv", lines)
+        (folder / PAGE).write_text(page, encoding="utf-8")
+    except OSError as error:
+        where = error.filename or folder
+        raise UsageError(f"{where}: cannot be written: {error.strerror or error}.") from error
+    return folder / PAGE
 
 
 def shown_results(found: Evaluation) -> Sequence[Result]:
@@ -161,15 +208,6 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             writer = csv.DictWriter(file, list(rows[0]))
             writer.writeheader()
             writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write one JSON document; its numbers must be finite.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _cell(value: object) -> object:

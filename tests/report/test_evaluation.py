@@ -13,7 +13,8 @@ from actioncli.clips.prepare import Preparation
 from actioncli.evaluation.acceptance import acceptance
 from actioncli.evaluation.baselines import AlwaysReject, Dtw
 from actioncli.evaluation.protocol import evaluate
-from actioncli.report.evaluation import Report, check_folder, write_report
+from actioncli.report.evaluation import Report, write_report
+from actioncli.report.figures import check_folder, write_csv
 
 from .browser import ask, needs_chromium
 from .test_figure import standing
@@ -114,7 +115,5 @@ def test_only_a_report_is_written_over(folder: Path, tmp_path: Path) -> None:
 
 
 def test_formulas_in_labels_stay_text(tmp_path: Path) -> None:
-    from actioncli.report.figures import write_csv
-
     write_csv(tmp_path / "a.csv", [{"label": "=HYPERLINK(1)", "rate": None, "n": 0.5}])
     assert (tmp_path / "a.csv").read_text().splitlines()[1] == "'=HYPERLINK(1),,0.5"

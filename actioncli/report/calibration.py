@@ -1,0 +1,169 @@
+"""The report of a calibration: what each threshold would do to the user's own clips."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from actioncli.calibration import Recommendation, Trials
+from actioncli.report.figures import Row, write_folder
+from actioncli.report.page import page, table
+from actioncli.report.plots import SHARES, Axis, Plot, fitting
+
+_GRID = np.linspace(0, 1, 101)
+_BINS = np.linspace(0, 1, 21)
+
+
+def write_calibration(
+    folder: Path,
+    trials: Trials,
+    found: Recommendation,
+    outcome: str,
+    document: Mapping[str, Any],
+) -> Path:
+    """Write the report, over an earlier one if there is one; the page's path.
+
+    Args:
+        folder: new, empty, or an earlier report.
+        trials: what was asked.
+        found: what came of it.
+        outcome: the same in words.
+        document: as `calibrate --json` has it.
+
+    Raises:
+        UsageError: the folder holds something else, or cannot be written.
+    """
+    body = "\n".join(_sections(trials, found, outcome, document))
+    rows = {
+        "rates": [{"tau": line["tau"], **_flat(line)} for line in document["table"]],
+        "unknown": [{"kind": line["kind"], **_flat(line)} for line in document["unknown"]],
+        "actions": [
+            {key: line[key] for key in ("label", "examples", "tau")} | _flat(line)
+            for line in document["actions"]
+        ],
+        "scores": _scores(trials),
+    }
+    return write_folder(folder, page("Calibration", body), document, rows)
+
+
+def _sections(
+    trials: Trials, found: Recommendation, outcome: str, document: Mapping[str, Any]
+) -> Iterator[str]:
+    yield "<h1>Calibration</h1>"
+    yield f'<p class="verdict{" yes" if found.measured else ""}">{escape(outcome)}.</p>'
+    yield (
+        "<p>Every clip was answered as <code>classify</code> would answer it: enrolled examples "
+        "against the support set without them, and motions that show none of the actions. The "
+        f"wanted rate of false accepts is {document['target_far']:g}.</p>"
+    )
+    yield f'<div class="plots">{_rates(trials, found)}{_histogram(trials, found)}</div>'
+    if document["notes"]:
+        lines = "".join(f"<li>{escape(note)}</li>" for note in document["notes"])
+        yield f"<h2>What the figures cannot tell</h2><ul>{lines}</ul>"
+    yield "<h2>Over the threshold</h2>"
+    yield table(
+        "Rates with their 95 % intervals",
+        ("τ", "false accepts", "false rejects", "misnamed"),
+        [
+            (
+                f"{line['tau']:g}{' (recommended)' if _is_recommended(line, found) else ''}",
+                *(_cell(line[key]) for key in ("false_accepts", "false_rejects", "misnamed")),
+            )
+            for line in document["table"]
+        ],
+    )
+    yield "<h2>By kind and by action</h2>"
+    yield table(
+        "Motions that show none of the actions: your examples put to the other actions, your "
+        "negatives, and other people’s motions (cohort)",
+        ("kind", "false accepts"),
+        [(line["kind"], _cell(line["false_accepts"])) for line in document["unknown"]],
+    )
+    yield table(
+        "Actions, each at its threshold",
+        ("action", "examples", "τ", "false accepts", "false rejects"),
+        [
+            (
+                line["label"],
+                str(line["examples"]),
+                f"{line['tau']:g}",
+                _cell(line["false_accepts"]),
+                _cell(line["false_rejects"]),
+            )
+            for line in document["actions"]
+        ],
+    )
+
+
+def _rates(trials: Trials, found: Recommendation) -> str:
+    plot = Plot(
+        "False accepts and false rejects over τ",
+        Axis("threshold τ", 0, 1, SHARES),
+        Axis("share of the clips", 0, 1, SHARES, percent=True),
+    )
+    measured = (
+        (1, "false accepts", [trials.false_accepts(float(tau)) for tau in _GRID]),
+        (0, "false rejects", [trials.false_rejects(float(tau)) for tau in _GRID]),
+    )
+    for series, name, rates in measured:
+        if not rates[0].of:
+            continue
+        low, high = zip(*(rate.interval for rate in rates), strict=True)
+        plot.band(_GRID, low, high, series)
+        plot.line(_GRID, [rate.rate for rate in rates], series, name)
+    plot.rule(found.tau, f"τ {found.tau:g}")
+    unasked = "" if len(trials.known) else " False rejects could not be asked."
+    return plot.html(f"Bands: 95 % intervals (Wilson).{unasked}")
+
+
+def _histogram(trials: Trials, found: Recommendation) -> str:
+    shares = []
+    for queries in (trials.all_unknown(), trials.known):
+        counted, _ = np.histogram(queries.score, _BINS)
+        shares.append(counted / max(len(queries), 1))
+    top = max(float(share.max()) for share in shares)
+    plot = Plot(
+        "Confidence of the nearest action",
+        Axis("confidence", 0, 1, SHARES),
+        fitting("share of the clips", 0, top, percent=True),
+    )
+    plot.steps(_BINS, shares[0], 1, "motions that show no enrolled action")
+    plot.steps(_BINS, shares[1], 0, "enrolled examples")
+    plot.rule(found.tau, f"τ {found.tau:g}")
+    return plot.html("What stands right of τ is accepted.")
+
+
+def _scores(trials: Trials) -> list[Row]:
+    asked = [("known", trials.known), *trials.unknown.items()]
+    return [
+        {"kind": kind, "nearest": trials.labels[nearest], "confidence": float(score)}
+        for kind, queries in asked
+        for nearest, score in zip(queries.nearest, queries.score, strict=True)
+    ]
+
+
+def _flat(line: Mapping[str, Any]) -> Row:
+    """A row's rates as columns."""
+    return {
+        f"{name}_{key}": value
+        for name, rate in line.items()
+        if isinstance(rate, dict)
+        for key, value in rate.items()
+    }
+
+
+def _cell(rate: Mapping[str, Any]) -> str:
+    if not rate["of"]:
+        return "none asked"
+    return (
+        f"{rate['count']} of {rate['of']}: {rate['rate']:.0%} ({rate['low']:.0%} to "
+        f"{rate['high']:.0%})"
+    )
+
+
+def _is_recommended(line: Mapping[str, Any], found: Recommendation) -> bool:
+    return found.measured and bool(np.isclose(line["tau"], found.tau))
