@@ -60,6 +60,7 @@ def _sections(
         "against the support set without them, and motions that show none of the actions. The "
         f"wanted rate of false accepts is {document['target_far']:g}.</p>"
     )
+    yield "<h2>What each threshold would do</h2>"
     yield f'<div class="plots">{_rates(trials, found)}{_histogram(trials, found)}</div>'
     if document["notes"]:
         lines = "".join(f"<li>{escape(note)}</li>" for note in document["notes"])

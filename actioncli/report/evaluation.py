@@ -235,10 +235,8 @@ def _matrix(found: Acceptance) -> str:
                 cells.append(f"<td{own}></td>")
                 continue
             share = round(100 * float(found.rate[i, j]))
-            # Beyond the middle, the text takes the paper's colour to stand out.
-            ink = "var(--paper)" if share > 55 else "var(--ink)"
-            ground = f"color-mix(in srgb, var(--s0) {share}%, var(--panel))"
-            cells.append(f'<td{own} style="background:{ground};color:{ink}">{share}</td>')
+            ground = f"color-mix(in srgb, var(--cell) {share}%, var(--panel))"
+            cells.append(f'<td{own} style="background:{ground}">{share}</td>')
         lines.append(f'<tr><th scope="row">{escape(label)}</th>{"".join(cells)}</tr>')
     name = f"Acceptance, {found.collection}"
     return f"<h3>{escape(found.collection)}</h3>" + scrolling(
