@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -78,7 +79,6 @@ def test_projecting_frames_first_equals_the_plain_tuple_matrix(seed: int, shots:
 
 @pytest.mark.parametrize("measure", ["l2", "squared"])
 def test_numpy_and_torch_agree(measure: str) -> None:
-    torch = pytest.importorskip("torch", reason="needs the extra 'train'")
     config = ModelConfig(distance=measure)  # type: ignore[arg-type]  # parametrised
     params, frames = random_params(3), random_frames(4, 6)
     tensors = {name: torch.from_numpy(value) for name, value in params.items()}

@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="needs the extra 'train'")
-
 from actioncli.errors import UsageError, WeightsError
 from actioncli.model.weights import read_weights
+from actioncli.recognizer import Recognizer
 from actioncli.training import loop
 from actioncli.training.data import TrainingSet, hold_out
 from actioncli.training.loop import Progress, train
-from actioncli.training.recipes import RECIPES
+from actioncli.training.recipes import RECIPES, Recipe
 from actioncli.training.validation import Validation
 
 SHORT = replace(RECIPES["paper"], steps=6, batch=1, ways=3, validate_every=2)
+
+MANY_WAYS = replace(RECIPES["default"], steps=6, ways=5, validate_every=2)
 
 
 def run(world: TrainingSet, out: Path, recipe=SHORT, report=lambda _: None) -> Path:  # type: ignore[no-untyped-def]
@@ -38,21 +39,35 @@ def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
     assert weights.metadata["validation"]["closed_accuracy"] > 0.5
 
 
+def test_default_weights_hold_all_that_inference_needs(world: TrainingSet, tmp_path: Path) -> None:
+    weights = read_weights(run(world, tmp_path / "w.safetensors", MANY_WAYS))
+    recognizer = Recognizer(weights)
+    assert "log_temperature" not in weights.tensors
+    assert len(recognizer.cohort) == weights.tensors["cohort"].shape[0] > 10
+    again = [clip for clip, label in zip(world.clips, world.labels, strict=True) if label < 3]
+    support = {str(action): [again[6 * action]] for action in range(3)}
+    comparison = recognizer.compare(again, support)
+    nearest = comparison.labels[comparison.distance.argmin(axis=1)].astype(int)
+    assert (nearest == np.repeat(range(3), 6)).mean() > 0.9
+    assert (tmp_path / "w.safetensors").stat().st_size < 10e6
+
+
 @pytest.mark.parametrize("stop_at", [1, 3, 4])
+@pytest.mark.parametrize("recipe", [SHORT, MANY_WAYS], ids=["paper", "default"])
 def test_a_resumed_run_ends_like_an_uninterrupted_one(
-    world: TrainingSet, tmp_path: Path, stop_at: int
+    world: TrainingSet, tmp_path: Path, stop_at: int, recipe: Recipe
 ) -> None:
     def stop(now: Progress) -> None:
         if now.step == stop_at:
             raise KeyboardInterrupt
 
-    whole = run(world, tmp_path / "whole.safetensors")
+    whole = run(world, tmp_path / "whole.safetensors", recipe)
     out = tmp_path / "resumed.safetensors"
     with pytest.raises(KeyboardInterrupt):
-        run(world, out, report=stop)
+        run(world, out, recipe, report=stop)
     assert not out.exists()
     steps: list[int] = []
-    run(world, out, report=lambda now: steps.append(now.step))
+    run(world, out, recipe, report=lambda now: steps.append(now.step))
     assert steps[0] == stop_at + 1
     assert read_weights(out).checksum == read_weights(whole).checksum
     assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, whole.name]

@@ -1,0 +1,180 @@
+"""Embeddings and scores of both recipes: what must not matter does not, what must does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.prepare import prepare
+from actioncli.model import compare, trx_os
+from actioncli.model.config import ModelConfig
+from actioncli.model.features import mirror
+from actioncli.training.recipes import RECIPES
+from tests.clips.test_prepare import waving
+
+PAPER, DEFAULT = RECIPES["paper"].config, RECIPES["default"].config
+
+
+def motions(count: int, seed: int = 0) -> list[Clip]:
+    """People who swing all their limbs, each differently."""
+    rng = np.random.default_rng(seed)
+    clips = []
+    for _ in range(count):
+        joints = waving(int(rng.integers(20, 60)), seed=int(rng.integers(1000)))
+        phase = np.linspace(0, 2 * np.pi, len(joints))[:, None, None]
+        joints = joints + rng.normal(0, 0.1, (1, 15, 3)) * np.sin(phase * rng.integers(1, 4))
+        clips.append(Clip(joints, DEFAULT_JOINTS))
+    return clips
+
+
+def frames(config: ModelConfig, clips: list[Clip]) -> FloatArray:
+    return np.stack([prepare(clip, config.preparation) for clip in clips])
+
+
+def random_model(config: ModelConfig, seed: int = 0) -> dict[str, FloatArray]:
+    rng = np.random.default_rng(seed)
+    params = {
+        name: rng.uniform(-1, 1, shape).astype(np.float32) / np.float32(shape[0] ** 0.5)
+        for name, shape in trx_os.parameter_shapes(config).items()
+    }
+    if config.warp_width:
+        turn = np.linalg.qr(rng.normal(size=(42, config.warp_width)))[0]
+        params["warp.components"] = turn.astype(np.float32)
+        params["score.weight"] = np.array([1, 2, 3, 0.1], np.float32)
+        params["score.bias"] = np.array([-1], np.float32)
+    if config.neighbours:
+        alone = replace(config, neighbours=0)
+        cohort = compare.embed(params, alone, frames(config, motions(30, seed=99)))
+        params["cohort"] = np.concatenate([cohort, np.ones((30, 16, 1), np.float32)], axis=2)
+    return params
+
+
+def logits(config: ModelConfig, queries: list[Clip], actions: list[list[Clip]]) -> FloatArray:
+    params = random_model(config)
+    return compare.scores(
+        params,
+        config,
+        compare.embed(params, config, frames(config, queries)),
+        [compare.embed(params, config, frames(config, clips)) for clips in actions],
+    )[1]
+
+
+@pytest.mark.parametrize("config", [PAPER, DEFAULT], ids=["paper", "default"])
+def test_shapes_follow_the_configuration(config: ModelConfig) -> None:
+    params = random_model(config)
+    embedding = compare.embed(params, config, frames(config, motions(3)))
+    assert embedding.shape == (3, config.tokens, config.embedding_width)
+    assert embedding.dtype == np.float32
+    assert compare.embed(params, config, frames(config, motions(1))[:0]).shape[0] == 0
+    distance, logit = compare.scores(params, config, embedding, [embedding[:1], embedding[1:]])
+    assert distance.shape == logit.shape == (3, 2)
+
+
+@pytest.mark.parametrize("config", [PAPER, DEFAULT], ids=["paper", "default"])
+def test_a_score_does_not_depend_on_what_else_is_there(config: ModelConfig) -> None:
+    clips = motions(7)
+    together = logits(config, clips[:2], [[clips[2]], [clips[3], clips[4]], [clips[5]], [clips[6]]])
+    alone = logits(config, [clips[1]], [[clips[3], clips[4]]])
+    np.testing.assert_allclose(together[1, 1], alone[0, 0], atol=1e-5)
+    turned = logits(config, clips[:2], [[clips[6]], [clips[5]], [clips[3], clips[4]], [clips[2]]])
+    np.testing.assert_allclose(together[:, ::-1], turned[:, [0, 1, 2, 3]], atol=1e-5)
+
+
+def test_the_nearest_action_is_the_most_confident_one() -> None:
+    clips, params = motions(8), random_model(DEFAULT)
+    embedding = compare.embed(params, DEFAULT, frames(DEFAULT, clips))
+    distance, logit = compare.scores(
+        params, DEFAULT, embedding[:3], [embedding[[k]] for k in range(3, 8)]
+    )
+    np.testing.assert_array_equal(distance.argsort(axis=1), (-logit).argsort(axis=1))
+    np.testing.assert_allclose(distance, 1 / compare.sigmoid(logit) - 1, rtol=1e-3)
+
+
+@given(angle=st.floats(-3.1, 3.1), size=st.floats(0.5, 1.8), shift=st.floats(-3, 3))
+@settings(max_examples=10, deadline=None)
+def test_heading_size_and_place_do_not_matter_to_the_default(
+    angle: float, size: float, shift: float
+) -> None:
+    clips = motions(3)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+    moved = Clip(size * clips[0].joints @ turn + shift, DEFAULT_JOINTS)
+    actions = [[clips[1]], [clips[2]]]
+    np.testing.assert_allclose(
+        logits(DEFAULT, [moved], actions), logits(DEFAULT, [clips[0]], actions), atol=0.02
+    )
+
+
+def test_the_mirrored_decision_is_the_mirror_of_the_decision() -> None:
+    config = replace(DEFAULT, mirrored=0.0, neighbours=0)
+    params = random_model(DEFAULT)
+    clips = frames(DEFAULT, motions(5))
+    twice = mirror(DEFAULT, mirror(DEFAULT, clips))
+    np.testing.assert_allclose(twice, clips, atol=1e-6)
+    straight, mirrored = (
+        compare.score_parts(params, config, embedded[:2], [embedded[[k]] for k in range(2, 5)])
+        for embedded in (
+            compare.embed(params, config, clips),
+            compare.embed(params, config, mirror(config, clips)),
+        )
+    )
+    # The warping cost knows no left and right; the random network does.
+    np.testing.assert_allclose(straight[..., 2], mirrored[..., 2])
+    assert not np.allclose(straight[..., 0], mirrored[..., 0])
+
+
+def test_the_other_hand_is_recognised_at_a_price() -> None:
+    params = random_model(DEFAULT)
+    clip = frames(DEFAULT, motions(1))
+    action = [compare.embed(params, DEFAULT, clip)]
+    slight = np.random.default_rng(0).normal(0, 0.02, clip.shape).astype(np.float32)
+    same = compare.embed(params, DEFAULT, clip + slight)
+    other = compare.embed(params, DEFAULT, mirror(DEFAULT, clip + slight))
+    ours = compare.score_parts(params, DEFAULT, same, action)[0, 0]
+    theirs = compare.score_parts(params, DEFAULT, other, action)[0, 0]
+    np.testing.assert_allclose(theirs[:2], DEFAULT.mirrored * ours[:2], rtol=1e-3)
+    np.testing.assert_allclose(theirs[3], ours[3], rtol=1e-3)
+
+
+def test_the_best_of_several_examples_counts() -> None:
+    clips = motions(4)
+    params = random_model(DEFAULT)
+    embedding = compare.embed(params, DEFAULT, frames(DEFAULT, clips))
+    one = compare.score_parts(params, DEFAULT, embedding[:1], [embedding[1:2]])[0, 0]
+    three = compare.score_parts(params, DEFAULT, embedding[:1], [embedding[1:4]])[0, 0]
+    assert three[1] <= one[1]
+    with_itself = compare.score_parts(params, DEFAULT, embedding[:1], [embedding[[1, 0]]])[0, 0]
+    assert with_itself[1] == pytest.approx(0, abs=1e-2)
+
+
+@pytest.mark.parametrize("switch", ["both_ways", "near_pairs", "body_features"])
+def test_each_addition_can_be_switched_off(switch: str) -> None:
+    config = replace(DEFAULT, **{switch: False})
+    assert np.isfinite(logits(config, motions(1), [motions(1, seed=5)])).all()
+
+
+def test_numpy_and_torch_agree_on_the_default_network() -> None:
+    params = random_model(DEFAULT)
+    tensors = {name: torch.from_numpy(np.asarray(value)) for name, value in params.items()}
+    clips = frames(DEFAULT, motions(4))
+
+    def forward(weights, x):  # type: ignore[no-untyped-def]  # either array type
+        features = trx_os.psi(weights, DEFAULT, compare.token_features(DEFAULT, x))
+        features = trx_os.with_positions(weights, DEFAULT, features)
+        keys, values = trx_os.pairs(weights, DEFAULT, trx_os.project(weights, DEFAULT, features))
+        bias = trx_os.place_bias(weights, DEFAULT, keys)
+        attended = trx_os.attention(keys[:1], keys[1:], bias)
+        gap = values[:1] - trx_os.prototypes(attended, values[1:])
+        return trx_os.distance(DEFAULT, gap), trx_os.discriminator(weights, gap)
+
+    for ours, theirs in zip(
+        forward(params, clips), forward(tensors, torch.from_numpy(clips)), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs.numpy(), atol=1e-5)
