@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.clips.collection import Collection, read_collection
     from actioncli.clips.read import read_clip
+    from actioncli.pose.video import read_video_clip
     from actioncli.recognizer import Comparison, Decision, Recognizer
     from actioncli.store.store import SupportStore
 
@@ -44,6 +45,7 @@ __all__ = [
     "__version__",
     "read_clip",
     "read_collection",
+    "read_video_clip",
 ]
 
 _MODULE_OF = {
@@ -51,6 +53,7 @@ _MODULE_OF = {
     "Collection": "actioncli.clips.collection",
     "read_collection": "actioncli.clips.collection",
     "read_clip": "actioncli.clips.read",
+    "read_video_clip": "actioncli.pose.video",
     "Comparison": "actioncli.recognizer",
     "Decision": "actioncli.recognizer",
     "Recognizer": "actioncli.recognizer",
