@@ -35,7 +35,7 @@ def plain_loss(
     encoding = torch.from_numpy(trx_os.positional_encoding(support.shape[2], width))
 
     def tuples(frames: Tensor) -> Tensor:
-        features = trx_os.psi(params, frames.flatten(-2)) + encoding
+        features = trx_os.psi(params, config, frames.flatten(-2)) + encoding
         return torch.cat([features[..., first, :], features[..., second, :]], dim=-1)
 
     def mapped(pairs: Tensor) -> tuple[Tensor, Tensor]:
@@ -50,7 +50,9 @@ def plain_loss(
         for query in queries[episode]:
             both = torch.stack([query.expand_as(support[episode]), support[episode]])
             (query_keys, keys), (query_values, values) = mapped(tuples(both))
-            differences.append(query_values - trx_os.prototypes(query_keys, keys, values))
+            differences.append(
+                query_values - trx_os.prototypes(trx_os.attention(query_keys, keys), values)
+            )
         difference = torch.stack(differences)  # (Q, K, P, W)
         distances = trx_os.distance(config, difference)
         target = targets[episode]
@@ -82,7 +84,7 @@ def main() -> None:
     targets = torch.tensor([[*range(ways), *[-1] * ways]] * batch)
     given = params, config, support, queries, targets
     contenders: dict[str, Callable[[], Tensor]] = {
-        "actioncli": lambda: episode_loss(*given, RECIPE.sigma).loss,
+        "actioncli": lambda: episode_loss(*given, RECIPE.sigma)[0],
         "plain": lambda: plain_loss(*given),
     }
     seconds: dict[str, list[float]] = {name: [] for name in contenders}
