@@ -30,6 +30,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
         "enroll": "actioncli.cli.enroll:enroll",
         "classify": "actioncli.cli.classify:classify",
         "watch": "actioncli.cli.watch:watch",
+        "review": "actioncli.cli.review:review",
         "extract": "actioncli.cli.extract:extract",
         "calibrate": "actioncli.cli.calibrate:calibrate",
         "list-support": "actioncli.cli.support:list_support",

@@ -176,11 +176,13 @@ def show(
         settings.tell(f"drawn in {printable(out)}")
         return
     for each, clip in zip(examples, clips, strict=True):
-        _draw(each.id, clip)
+        say()
+        say(f"example {each.id}")
+        draw(clip)
 
 
-def _draw(number_of: int, clip: Clip) -> None:
-    """Poses of an example, as wide as the terminal."""
+def draw(clip: Clip) -> None:
+    """Print poses of a clip, as wide as the terminal."""
     from actioncli.report.figure import figure
     from actioncli.report.terminal import strip_lines
 
@@ -191,8 +193,6 @@ def _draw(number_of: int, clip: Clip) -> None:
         braille = True
     except UnicodeEncodeError:
         braille = False
-    say()
-    say(f"example {number_of}")
     for line in strip_lines(figure(clip), columns, colours, braille):
         say(line)
 

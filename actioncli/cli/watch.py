@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from actioncli.events import Event, Spotter
     from actioncli.pose.frames import Frame
     from actioncli.pose.stream import LiveSource, PoseStream
+    from actioncli.recorder import Recorder
 
 # Commands of --exec that may run at once; what comes meanwhile is told and left out.
 _MOST_RUNNING = 8
@@ -60,6 +61,14 @@ def watch(
             "ACTIONCLI_CONFIDENCE, ACTIONCLI_START and ACTIONCLI_END in its environment.",
         ),
     ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Keep the skeletons of events and near misses there, for `actioncli review`.",
+            show_default=False,
+        ),
+    ] = None,
     quality: QualityOption = None,
     weights: WeightsOption = None,
 ) -> None:
@@ -75,6 +84,7 @@ def watch(
       actioncli watch
       actioncli watch training.mp4 --json
       actioncli watch 0 --exec 'notify-send moved'
+      actioncli watch 0 --record seen
 
     \b
     JSON keys:
@@ -82,6 +92,7 @@ def watch(
     """
     from actioncli.events import Spotter
     from actioncli.recognizer import Recognizer
+    from actioncli.recorder import Recorder
 
     run = _Runner(execute) if execute is not None else None
     network = checked_quality(quality)
@@ -96,8 +107,9 @@ def watch(
             "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
         )
     spotter = Spotter(recognizer, support, threshold, durations, negatives)
+    recorder = Recorder(record, threshold, source) if record is not None else None
     try:
-        for event in _events(settings, source, spotter, network):
+        for event in _events(settings, source, spotter, network, recorder):
             _tell(settings, event)
             if run is not None:
                 run(event)
@@ -106,7 +118,9 @@ def watch(
             run.wait()
 
 
-def _events(settings: Settings, source: str, spotter: Spotter, quality: str) -> Iterator[Event]:
+def _events(
+    settings: Settings, source: str, spotter: Spotter, quality: str, recorder: Recorder | None
+) -> Iterator[Event]:
     """Look at the stream every `STRIDE` seconds; what Ctrl-C cuts off is told as well."""
     from actioncli.events import STRIDE
     from actioncli.pose.stream import PoseStream
@@ -119,9 +133,17 @@ def _events(settings: Settings, source: str, spotter: Spotter, quality: str) -> 
                 poses.add(frame)
                 if frame.time - looked >= STRIDE:
                     looked = frame.time
-                    yield from spotter.look(poses.clip(), frame.time)
+                    clip = poses.clip()
+                    over = spotter.look(clip, frame.time)
+                    yield from over
+                    if recorder is not None:
+                        busy = spotter.current is not None
+                        recorder.look(clip, frame.time, spotter.ranking, over, busy)
                 view.show(frame, poses, spotter, live)
-        yield from spotter.finish()
+        over = spotter.finish()
+        yield from over
+        if recorder is not None:
+            recorder.finish(over)
 
 
 @contextlib.contextmanager

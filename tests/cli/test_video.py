@@ -131,6 +131,20 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
     assert "wave  (confidence" in invoke("watch", waving, "--tau", 0).stdout
 
 
+def test_watch_keeps_what_it_told(
+    invoke: Invoke, store: SupportStore, waving: Path, tmp_path: Path
+) -> None:
+    invoke("enroll", "wave", waving, "--start", 0)
+    folder = tmp_path / "seen"
+    told = json.loads(invoke("watch", waving, "--json", "--tau", 0, "--record", folder).stdout)
+    [kept] = json.loads(invoke("review", folder, "--json").stdout)["clips"]
+    assert {key: kept[key] for key in told} == told
+    assert kept["event"] is True
+    clip = read_clip(kept["file"])
+    assert clip.duration == pytest.approx(told["end"] - told["start"], abs=0.15)
+    assert invoke("enroll", "wave", kept["file"]).exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [

@@ -1,0 +1,150 @@
+"""`review`: walk through what `watch --record` kept, and enrol it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from actioncli.cli.common import Settings, command
+from actioncli.cli.enroll import NEGATIVES
+from actioncli.cli.output import note, number, plural, printable, say, write_json
+from actioncli.cli.support import draw
+from actioncli.errors import ClipError, UsageError
+
+if TYPE_CHECKING:
+    from actioncli.recorder import Kept
+    from actioncli.store.store import SupportStore
+
+_KEYS = "e enrol, o enrol as another action, n negative, d delete, s skip, q quit"
+
+
+@command
+def review(
+    settings: Settings,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What `watch --record` filled.")],
+) -> None:
+    """Walk through recorded events and near misses, and enrol them by a key press.
+
+    Each clip is drawn with the action that it was taken for. What is enrolled or deleted leaves
+    the folder; what is skipped stays. With --json the clips are listed, and nothing is asked.
+
+    \b
+    e  enrol as another example of the action it was taken for
+    o  enrol under another name, which is asked for
+    n  enrol as a negative: what looks like this must never be accepted
+    d  delete            s  skip            q  quit
+
+    \b
+    Examples:
+      actioncli watch 0 --record seen
+      actioncli review seen
+
+    \b
+    JSON keys:
+      clips
+      clips[]: file, label, confidence, tau, event, start, end, source
+    """
+    from actioncli.recorder import kept_clips
+
+    waiting = kept_clips(folder)
+    if settings.json:
+        write_json({"clips": [_entry(kept) for kept in waiting]})
+        return
+    if not waiting:
+        settings.tell("Nothing waits for review.")
+        return
+    if not sys.stdin.isatty():
+        raise UsageError("nobody can be asked here; --json lists what waits.")
+    with settings.open_store() as store:
+        done = _walk(settings, store, waiting)
+    told = [plural(done[key], "clip") + f" {word}" for key, word in _TOLD.items() if done[key]]
+    say(", ".join(told) if told else "nothing was changed")
+
+
+_TOLD = {"e": "enrolled", "n": "enrolled as negatives", "d": "deleted"}
+
+
+def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> dict[str, int]:
+    """Ask about each clip; how many were enrolled, made negatives, and deleted."""
+    done = dict.fromkeys(_TOLD, 0)
+    for place, kept in enumerate(waiting, 1):
+        try:
+            clip = kept.clip()
+        except ClipError as unusable:
+            note(f"error: {printable(str(unusable))}")
+            continue
+        what = "event" if kept.event else "near miss"
+        say()
+        say(
+            f"{place} of {len(waiting)}: {what}, {printable(kept.label)}, confidence "
+            f"{kept.confidence:.2f}, tau {kept.tau:.2f}, {printable(kept.source)} "
+            f"{kept.start:.1f} s to {kept.end:.1f} s"
+        )
+        draw(clip)
+        key = _pressed()
+        if key == "q":
+            break
+        if key == "s":
+            continue
+        label = kept.label
+        if key == "o":
+            label, key = typer.prompt("Name of the action", err=True).strip(), "e"
+        if key in "en":
+            try:
+                origin = f"{kept.source} {kept.start:.1f} s to {kept.end:.1f} s"
+                store.enroll(NEGATIVES if key == "n" else label, clip, origin, key == "n")
+            except UsageError as refused:
+                note(f"error: {printable(str(refused))}")
+                continue
+        kept.forget()
+        done[key] += 1
+        if key == "e":
+            settings.tell(f"enrolled as {printable(label)}")
+    return done
+
+
+def _pressed() -> str:
+    """One of the keys; Escape and the end of input quit."""
+    while True:
+        typer.echo(f"{_KEYS}: ", nl=False, err=True)
+        key = _key().lower()
+        typer.echo(key if key.isprintable() else "", err=True)
+        if key and key in "eondsq":
+            return key
+        if key in {"", "\x04", "\x1b"}:
+            return "q"
+
+
+def _key() -> str:
+    """The next key, without waiting for the end of a line."""
+    try:
+        import termios
+        import tty
+    except ImportError:  # Windows
+        return typer.getchar()
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    try:
+        # Now: what was typed ahead counts.
+        tty.setcbreak(terminal, termios.TCSANOW)
+        return os.read(terminal, 1).decode("ascii", "replace")
+    finally:
+        termios.tcsetattr(terminal, termios.TCSANOW, before)
+
+
+def _entry(kept: Kept) -> dict[str, object]:
+    return {
+        "file": str(kept.file),
+        "label": kept.label,
+        "confidence": number(kept.confidence),
+        "tau": number(kept.tau),
+        "event": kept.event,
+        "start": number(kept.start),
+        "end": number(kept.end),
+        "source": kept.source,
+    }

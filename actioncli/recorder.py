@@ -1,0 +1,241 @@
+"""Clips of what a stream showed, kept for review: events, and what nearly was one."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from actioncli.errors import ClipError, UsageError
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
+    from actioncli.events import Event, Sighting
+    from actioncli.threshold import Threshold
+
+# A look with a confidence this far from tau, or less, is near.
+NEAR = 0.1
+
+# A near miss is over after so many looks that are not near.
+_LOOKS_TO_END = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A clip that waits for review; beside `file` lies its description as JSON.
+
+    Attributes:
+        file: the clip.
+        label: of the nearest action.
+        confidence: the highest that was reached.
+        tau: the threshold of that action.
+        event: whether it was told as an event; else it was a near miss.
+        start, end: seconds of the stream.
+        source: the stream.
+    """
+
+    file: Path
+    label: str
+    confidence: float
+    tau: float
+    event: bool
+    start: float
+    end: float
+    source: str
+
+    def clip(self) -> Clip:
+        """Read the clip.
+
+        Raises:
+            ClipError: it cannot be read.
+        """
+        from actioncli.clips.read import read_clip
+
+        # As it was written: a body in a stream may look unlike a standing person.
+        return read_clip(self.file, unit="m", up="y")
+
+    def forget(self) -> None:
+        """Delete the clip and its description.
+
+        Raises:
+            UsageError: they cannot be deleted.
+        """
+        try:
+            # The description last: without the clip it is not found any more.
+            self.file.unlink(missing_ok=True)
+            self.file.with_suffix(".json").unlink(missing_ok=True)
+        except OSError as error:
+            raise UsageError(f"{self.file}: cannot be deleted: {error.strerror}.") from error
+
+
+class Recorder:
+    """Keeps the clip of every event, and of every near miss, in a folder.
+
+    A near miss is a stretch in which the surest action stays within `NEAR` of its threshold
+    without becoming an event; its clip is the window that came nearest. What leads up to an event
+    or follows it is no near miss.
+    """
+
+    def __init__(self, folder: Path, threshold: Threshold, source: str) -> None:
+        """Make the folder.
+
+        Raises:
+            UsageError: it cannot be made.
+        """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{folder}: cannot be made: {error.strerror}.") from error
+        self._folder, self._threshold, self._source = folder, threshold, source
+        self._seen: tuple[Clip, float] | None = None
+        self._near: tuple[Sighting, Clip, float] | None = None
+        self._quiet = 0
+        self._event_end = float("-inf")
+
+    def look(
+        self,
+        clip: Clip | None,
+        now: float,
+        ranking: Sequence[Sighting],
+        events: Sequence[Event],
+        busy: bool,
+    ) -> None:
+        """Take in one look at the stream.
+
+        Args:
+            clip: the last seconds, ending at `now`; None while nobody is seen.
+            now: seconds of the stream.
+            ranking: what the look said, surest first.
+            events: those that it ended.
+            busy: whether an event is going on.
+
+        Raises:
+            ClipError: a clip cannot be written.
+        """
+        if clip is not None:
+            self._seen = clip, now
+        for event in events:
+            self._keep_event(event)
+        if busy:
+            self._near = None
+            return
+        best = ranking[0] if ranking else None
+        near = (
+            best is not None
+            and clip is not None
+            and best.start >= self._event_end
+            and abs(best.confidence - self._threshold.of(best.label)) <= NEAR
+        )
+        if best is not None and clip is not None and near:
+            self._quiet = 0
+            if self._near is None or best.confidence > self._near[0].confidence:
+                self._near = best, clip, now
+        elif self._near is not None:
+            self._quiet += 1
+            if self._quiet >= _LOOKS_TO_END:
+                self._keep_near()
+
+    def finish(self, events: Sequence[Event]) -> None:
+        """Keep what the end of the stream cuts off.
+
+        Raises:
+            ClipError: a clip cannot be written.
+        """
+        for event in events:
+            self._keep_event(event)
+        self._keep_near()
+
+    def _keep_event(self, event: Event) -> None:
+        self._event_end, self._near = event.end, None
+        if self._seen is not None:
+            clip, now = self._seen
+            part = _part(clip, now, event.start, event.end)
+            self._keep(part, event.label, event.confidence, True, event.start, event.end)
+
+    def _keep_near(self) -> None:
+        if self._near is not None:
+            (best, clip, now), self._near = self._near, None
+            part = _part(clip, now, best.start, now)
+            self._keep(part, best.label, best.confidence, False, best.start, now)
+
+    def _keep(
+        self,
+        clip: Clip | None,
+        label: str,
+        confidence: float,
+        event: bool,
+        start: float,
+        end: float,
+    ) -> None:
+        if clip is None:
+            return
+        from actioncli.clips.write import write_clip
+
+        name = re.sub(r"[^\w-]+", "_", label)[:40]
+        taken = {int(file.name[:4]) for file in self._folder.glob("[0-9][0-9][0-9][0-9]_*")}
+        file = self._folder / f"{max(taken, default=0) + 1:04d}_{name}.npz"
+        kept = Kept(
+            file=file,
+            label=label,
+            confidence=confidence,
+            tau=self._threshold.of(label),
+            event=event,
+            start=start,
+            end=end,
+            source=self._source,
+        )
+        write_clip(file, clip)
+        description = {key: value for key, value in asdict(kept).items() if key != "file"}
+        text = json.dumps(description, indent=1)
+        file.with_suffix(".json").write_text(f"{text}\n", encoding="utf-8")
+
+
+def kept_clips(folder: Path) -> list[Kept]:
+    """The clips of a folder that wait for review, in the order of recording.
+
+    Raises:
+        UsageError: there is no such folder, or a description in it is damaged.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: no such folder; `actioncli watch --record FOLDER` fills one.")
+    found = []
+    for description in sorted(folder.glob("[0-9][0-9][0-9][0-9]_*.json")):
+        clip = description.with_suffix(".npz")
+        if not clip.is_file():
+            continue
+        try:
+            told = json.loads(description.read_text(encoding="utf-8"))
+            found.append(
+                Kept(
+                    file=clip,
+                    label=str(told["label"]),
+                    confidence=float(told["confidence"]),
+                    tau=float(told["tau"]),
+                    event=bool(told["event"]),
+                    start=float(told["start"]),
+                    end=float(told["end"]),
+                    source=str(told["source"]),
+                )
+            )
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise UsageError(
+                f"{description}: damaged ({type(error).__name__}: {error}); delete it and its clip."
+            ) from error
+    return found
+
+
+def _part(clip: Clip, now: float, start: float, end: float) -> Clip | None:
+    """What the stream showed from `start` to `end`, as far as `clip`, which ends at `now`, goes
+    back; None where nothing moved."""
+    from actioncli.clips.clip import Clip
+
+    last = len(clip) - 1 - max(round((now - end) * clip.fps), 0)
+    first = max(len(clip) - 1 - round((now - start) * clip.fps), 0)
+    seen = None if clip.confidence is None else clip.confidence[first : last + 1]
+    try:
+        return Clip(clip.joints[first : last + 1], clip.joint_names, clip.fps, seen)
+    except ClipError:
+        return None
