@@ -28,9 +28,9 @@ def review(
     settings: Settings,
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What `watch --record` filled.")],
 ) -> None:
-    """Walk through recorded events and near misses, and enrol them by a key press.
+    """Look through what watch recorded, and enrol it by a key press.
 
-    Each clip is drawn with the action that it was taken for. What is enrolled or deleted leaves
+    Each event and near miss is drawn with the action that it was taken for. What is enrolled or deleted leaves
     the folder; what is skipped stays. With --json the clips are listed, and nothing is asked.
 
     \b
@@ -41,8 +41,8 @@ def review(
 
     \b
     Examples:
-      actioncli watch 0 --record seen
-      actioncli review seen
+      actioncli review seen          (after: actioncli watch 0 --record seen)
+      actioncli review seen --json
 
     \b
     JSON keys:
