@@ -28,10 +28,11 @@ def review(
     settings: Settings,
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What `watch --record` filled.")],
 ) -> None:
-    """Look through what watch recorded, and enrol it by a key press.
+    """Look through what watch recorded, and enrol it.
 
-    Each event and near miss is drawn with the action that it was taken for. What is enrolled or deleted leaves
-    the folder; what is skipped stays. With --json the clips are listed, and nothing is asked.
+    Each event and near miss is drawn with the action that it was taken for, and one key decides.
+    What is enrolled or deleted leaves the folder; what is skipped stays. With --json the clips
+    are listed, and nothing is asked.
 
     \b
     e  enrol as another example of the action it was taken for

@@ -132,15 +132,16 @@ def _accuracy(found: Sequence[Evaluation]) -> str:
     low, high = min(ways), max(ways)
     axis = Axis("enrolled actions K", low - 0.5, high + 0.5, tuple(ways))
     plot = Plot("FSOS-ACC over the number of enrolled actions", axis, _shares("FSOS-ACC"))
-    for series, each in enumerate(found):
+    if not any(each.scorer == "always-reject" for each in found):
+        rejecting = [result["always_reject_fsos_accuracy"].mean for result in shown]
+        plot.line(ways, rejecting, len(found), "rejecting everything")
+    # The first one is drawn last, over the others.
+    for series, each in reversed(list(enumerate(found))):
         results = tables.shown_results(each)
         mean = np.array([result["fsos_accuracy"].mean for result in results])
         std = np.array([result["fsos_accuracy"].std for result in results])
         plot.band(ways, mean - std, mean + std, series)
         plot.line(ways, mean, series, each.scorer, dots=True)
-    if not any(each.scorer == "always-reject" for each in found):
-        rejecting = [result["always_reject_fsos_accuracy"].mean for result in shown]
-        plot.line(ways, rejecting, len(found), "rejecting everything")
     return plot.html("Bands: one standard deviation over episodes.")
 
 
@@ -169,7 +170,7 @@ def _curve(found: Sequence[Evaluation], kind: str) -> str:
     }[kind]
     x = Axis("unknown queries accepted", 0, 1, SHARES, percent=True)
     plot = Plot(title, x, _shares(up))
-    for series, each in enumerate(found):
+    for series, each in reversed(list(enumerate(found))):
         shown = tables.shown_results(each)[0]
         drawn = curves(Pool.of(tables.answers_behind(each, shown)))
         ys = drawn.named if kind == "oscr" else drawn.accepted

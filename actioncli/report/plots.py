@@ -159,7 +159,7 @@ class Plot:
             f'<li><svg viewBox="0 0 28 10" aria-hidden="true"><line x1="0" y1="5" x2="28" y2="5" '
             f'stroke="var(--s{series})" stroke-width="3" stroke-dasharray="{_DASHES[series]}"/>'
             f"</svg>{escape(name)}</li>"
-            for series, name in self._legend
+            for series, name in sorted(self._legend)
         )
         legend = f'<ul class="legend">{legend}</ul>' if legend else ""
         told = f"{self.y.label[:1].upper()}{self.y.label[1:]}. {note}"
