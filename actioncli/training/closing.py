@@ -47,10 +47,9 @@ def close(
     frames = np.stack([prepare(data.clips[row], config.preparation) for row in rows])
     tensors["warp.components"] = warp_components(config, frames)
     params = {name: array.astype(np.float32) for name, array in tensors.items()}
-    if config.neighbours:
-        tensors["cohort"] = _cohort(config, params, frames).astype(np.float16)
-        params["cohort"] = tensors["cohort"].astype(np.float32)
-    unit = _unit(config, params, frames)
+    tensors["cohort"] = _cohort(config, params, frames).astype(np.float16)
+    params["cohort"] = tensors["cohort"].astype(np.float32)
+    unit = unit_distance(config, params)
     return tensors | {
         "score.weight": np.array(_SCORE, np.float32),
         "score.bias": np.array([_SCORE_BIAS + _SCORE[0] * np.log(unit)], np.float32),
@@ -89,9 +88,9 @@ def _spread(data: TrainingSet, count: int, rng: np.random.Generator) -> Indices:
     return rng.choice(len(data.clips), count, replace=False, p=chances / chances.sum())
 
 
-def _unit(config: ModelConfig, params: Mapping[str, FloatArray], frames: FloatArray) -> float:
+def unit_distance(config: ModelConfig, params: Mapping[str, FloatArray]) -> float:
     """Median T among the cohort: networks differ in how large they make it."""
-    some = compare.embed(params, config, frames[:64])
+    some = params["cohort"][:64]
     among = compare.score_parts(params, config, some[:16], [clip[None] for clip in some[16:]])
     return max(float(np.median(among[..., 0])), 1e-6)
 
