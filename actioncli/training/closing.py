@@ -19,12 +19,10 @@ from actioncli.training.data import Indices, TrainingSet
 COHORT = 256
 
 # Weights of (-log T, -log warping cost, log radius, discriminator's logit) in the score, and its
-# bias, with T in units of the median T within the cohort. Fitted by logistic regression on
-# validation classes of three folds, each on queries that its model had not seen, with as many
-# unknown queries as known ones: see the model card. The classes that one run holds out are too
-# few to fit them anew.
-_SCORE = (1.7, 3.7, 6.1, 0.2)
-_SCORE_BIAS = -1.8
+# bias, with T in units of the median T within the cohort. `tools/fit_score.py` fits them on
+# collections that its models have not seen; the classes that one run holds out are too few.
+_SCORE = (1.86, 4.57, 4.70, 0.10)
+_SCORE_BIAS = -1.52
 
 
 def close(
