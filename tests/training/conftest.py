@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.training.data import TrainingSet
+
+# Tests run side by side: threads of small products would only wait for one another.
+torch.set_num_threads(1)
 
 REST = np.array(
     [
