@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from safetensors import SafetensorError
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import LAYOUTS
@@ -66,11 +67,20 @@ def load_model(path: Path) -> PoseModel:
     """
     if (path / "saved_model.pb").is_file():
         return _load_tensorflow(path)
-    if (path / "ckpt.pt").is_file() and (path / "joint_info.npz").is_file():
-        return _load_pytorch(path)
+    if (path / "joint_info.npz").is_file():
+        if (path / "ckpt.safetensors").is_file():
+            return _load_pytorch(path)
+        if (path / "ckpt.pt").is_file():
+            raise WeightsError(
+                f"{path / 'ckpt.pt'}: is a pickle, which actioncli never reads. Make "
+                'ckpt.safetensors of it once, in its folder: python -c "import torch, '
+                "safetensors.torch as s; s.save_file(torch.load('ckpt.pt', map_location='cpu', "
+                "weights_only=True), 'ckpt.safetensors')\""
+            )
     raise WeightsError(
         f"{path}: is no MeTRAbs model. --pose-model names the folder of a release: the one with "
-        "saved_model.pb (TensorFlow), or the one with ckpt.pt and joint_info.npz (PyTorch)."
+        "saved_model.pb (TensorFlow), or the one with joint_info.npz and the network made "
+        "into ckpt.safetensors (PyTorch)."
     )
 
 
@@ -198,11 +208,13 @@ def _load_tensorflow(path: Path) -> PoseModel:
 def _load_pytorch(path: Path) -> PoseModel:
     """Build the model as its authors' package does, but without unpickling anything.
 
-    Their folder keeps the skeletons in a pickle, which could run code; the joints of SMPL are
+    Their folder keeps the network and the skeletons in pickles, which could run code: the
+    network is read from `ckpt.safetensors`, which users make of it, and the joints of SMPL are
     told by the names in `joint_info.npz` as well.
     """
     try:
         torch = importlib.import_module("torch")
+        safetensors = importlib.import_module("safetensors.torch")
         efficientnet = importlib.import_module("metrabs_pytorch.backbones.efficientnet")
         metrabs = importlib.import_module("metrabs_pytorch.models.metrabs")
         multiperson = importlib.import_module("metrabs_pytorch.multiperson.multiperson_model")
@@ -226,10 +238,12 @@ def _load_pytorch(path: Path) -> PoseModel:
         with torch.inference_mode():  # the first call makes the layers that are sized by use
             size = int(config.proc_side)
             crop_model((torch.zeros((1, 3, size, size)), torch.eye(3)[None]))
-        state = torch.load(path / "ckpt.pt", map_location="cpu", weights_only=True)
+        state = safetensors.load_file(path / "ckpt.safetensors")
         crop_model.load_state_dict(state)
         model = multiperson.Pose3dEstimator(crop_model, {"smpl_24": skeleton}, transform)
-    except (OSError, ValueError, KeyError, AttributeError, RuntimeError) as error:
+    except (
+        OSError, ValueError, KeyError, AttributeError, RuntimeError, SafetensorError
+    ) as error:  # fmt: skip
         raise WeightsError(f"{path}: the MeTRAbs model cannot be loaded: {error}") from error
 
     def detect(image: NDArray[np.uint8]) -> FloatArray:

@@ -113,7 +113,9 @@ def release(tmp_path: Path, packages: None) -> Path:
         model.head.weight *= 300
         # A standing body in camera axes: y down, millimetres.
         model.head.bias.copy_(torch.tensor(standing()[::-1].copy()).reshape(-1).float())
-    torch.save(model.state_dict(), folder / "ckpt.pt")
+    from safetensors.torch import save_file
+
+    save_file(model.state_dict(), folder / "ckpt.safetensors")
     return folder
 
 
@@ -150,6 +152,18 @@ def test_pytorch_release(release: Path, tmp_path: Path) -> None:
 def test_another_release_is_told(release: Path) -> None:
     np.savez(release / "joint_info.npz", joint_names=["a_coco"], joint_edges=[[0, 0]])
     with pytest.raises(WeightsError, match="lacks pelv_smpl"):
+        load_model(release)
+
+
+def test_a_pickled_network_is_not_read_but_told_how_to_turn(release: Path) -> None:
+    (release / "ckpt.safetensors").rename(release / "ckpt.pt")
+    with pytest.raises(WeightsError, match=r"is a pickle.*save_file"):
+        load_model(release)
+
+
+def test_a_damaged_network_is_told(release: Path) -> None:
+    (release / "ckpt.safetensors").write_bytes(b"damaged")
+    with pytest.raises(WeightsError, match="cannot be loaded"):
         load_model(release)
 
 
