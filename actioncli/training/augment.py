@@ -60,12 +60,8 @@ def swap_limbs(bones: Tensor, chance: Generator) -> Tensor:
         first = int(_uniform(chance, 1) * 50)
         span = slice(first, first + 3 + int(_uniform(chance, 1) * 12))
         left, right = (LEFT_ARM, RIGHT_ARM) if _uniform(chance, 1) < 0.5 else (LEFT_LEG, RIGHT_LEG)
-        was_left = bones[clip, span][:, left]
-        bones[clip, span, left[0] : left[0] + 1] = bones[clip, span, right[0] : right[0] + 1]
-        for to, source in zip(left, right, strict=True):
-            bones[clip, span, to] = bones[clip, span, source]
-        for to, source in zip(right, range(len(left)), strict=True):
-            bones[clip, span, to] = was_left[:, source]
+        frames = bones[clip, span]  # a view, so that writing to it changes the clip
+        frames[:, left], frames[:, right] = frames[:, right], frames[:, left]
     return bones
 
 

@@ -127,7 +127,7 @@ def hold_out(data: TrainingSet, seed: int) -> tuple[TrainingSet, TrainingSet]:
     return data.of_classes(kept), data.of_classes(held)
 
 
-# Recordings longer than this many windows hold more than one action.
+# About as long as one action; a recording of several windows holds more than one.
 _WINDOW_SECONDS = 2.5
 
 
