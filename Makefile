@@ -1,5 +1,6 @@
 # make demo    install actioncli in .venv-demo and try it on the clips in examples/
 # make test    install it for development in .venv; format, lint, types, tests
+# make nightly the tests that take minutes or hours
 # make bench   time it (see tests/benchmarks)
 # make clean   remove all that these made
 #
@@ -13,7 +14,7 @@ endif
 
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test bench clean
+.PHONY: demo test nightly bench clean
 .DEFAULT_GOAL := test
 
 demo: .venv-demo/installed
@@ -24,6 +25,9 @@ test: .venv/installed
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4
+
+nightly: .venv/installed
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 -m nightly
 
 bench: .venv/installed
 	.venv/bin/python tests/benchmarks/startup.py
@@ -48,6 +52,7 @@ endef
 	$(environment)
 	@echo "Installing the checkout and its development tools in .venv; torch makes this long, once."
 	.venv/bin/python $(PIP_INSTALL) --editable '.[dev]'
+	@sh tools/install_chromium.sh
 	@touch $@
 
 # The demo runs what a user gets.
