@@ -16,7 +16,7 @@ import platformdirs
 from actioncli.pose.poses import Poses
 
 # Changes when what is stored changes its meaning.
-FORMAT = 1
+FORMAT = 2
 LARGEST = 256 * 2**20  # bytes; the poses of about 20 hours
 SUFFIX = ".npz"
 

@@ -58,9 +58,8 @@ class Region:
     def crop(self, image: Image, side: int, border: int) -> Image:
         """Cut the region out as (side, side, 3), bilinear.
 
-        The sampling positions are rounded to 1/32 of a pixel here, not by OpenCV: its
-        `warpPerspective` does so in version 4 and no longer in version 5, and the networks'
-        reference results come from version 4.
+        The sampling positions are rounded to 1/32 of a pixel, as `warpPerspective` of OpenCV 4
+        does and that of OpenCV 5 does not: the networks' reference results come from version 4.
 
         Args:
             border: cv2.BORDER_CONSTANT (black) or cv2.BORDER_REPLICATE outside the image.
@@ -69,26 +68,17 @@ class Region:
         edges = _rotation(self.angle) * self.size  # columns: along the upper, the left edge
         corner = (self.x, self.y) - edges.sum(axis=1) / 2
         steps = np.arange(side) / side
-        fixed = [
-            np.rint(
-                (corner[axis] + edges[axis, 0] * steps + (edges[axis, 1] * steps)[:, np.newaxis])
-                * cv2.INTER_TAB_SIZE
-            ).astype(np.int32)
+        across, down = (
+            np.add.outer(
+                (corner[axis] + edges[axis, 1] * steps).astype(np.float32),
+                (edges[axis, 0] * steps).astype(np.float32),
+            )
             for axis in (0, 1)
-        ]
-        # A cell of the image, and which of the 32 x 32 bilinear weight tables to use in it.
-        cell = np.stack([f >> cv2.INTER_BITS for f in fixed], axis=-1)
-        across, down = (f & (cv2.INTER_TAB_SIZE - 1) for f in fixed)
-        weights = down * cv2.INTER_TAB_SIZE + across
+        )
+        # Cells of the image, and which of the 32 x 32 bilinear weight tables to use in them.
+        cells, weights = cv2.convertMaps(across, down, cv2.CV_16SC2)
         return np.asarray(
-            cv2.remap(
-                image,
-                cell.clip(-32768, 32767).astype(np.int16),
-                weights.astype(np.uint16),
-                cv2.INTER_LINEAR,
-                borderMode=border,
-            ),
-            np.uint8,
+            cv2.remap(image, cells, weights, cv2.INTER_LINEAR, borderMode=border), np.uint8
         )
 
 
