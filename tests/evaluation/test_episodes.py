@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from actioncli.errors import ClipError
@@ -22,7 +22,6 @@ collections = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(
     collections,
     st.integers(1, 4),
@@ -114,7 +113,6 @@ def test_every_class_gets_its_turn_as_known_and_as_unknown() -> None:
     assert all(100 < enrolled.count(label) < 200 for label in set(labels))
 
 
-@settings(deadline=None)
 @given(collections, st.sampled_from(list(Protocol)), st.integers(0, 9))
 def test_one_against_all_asks_queries_of_every_class(
     rows: list[tuple[str, str]], protocol: Protocol, number: int
