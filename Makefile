@@ -1,6 +1,7 @@
 # make demo    install actioncli in .venv-demo and try it on the clips in examples/
 # make test    install it for development in .venv; format, lint, types, tests
 # make nightly the tests that take minutes or hours
+# make fuzz    look for files that readers cannot take, FUZZ_SECONDS (an hour) for each reader
 # make bench   time it (see tests/benchmarks)
 # make clean   remove all that these made
 #
@@ -14,7 +15,7 @@ endif
 
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test nightly bench clean
+.PHONY: demo test nightly fuzz bench clean
 .DEFAULT_GOAL := test
 
 demo: .venv-demo/installed
@@ -29,13 +30,17 @@ test: .venv/installed
 nightly: .venv/installed
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 -m nightly
 
+FUZZ_SECONDS ?= 3600
+fuzz: .venv/installed
+	FUZZ_SECONDS=$(FUZZ_SECONDS) OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 tests/fuzz
+
 bench: .venv/installed
 	.venv/bin/python tests/benchmarks/startup.py
 	.venv/bin/python tests/benchmarks/query.py
 	.venv/bin/python tests/benchmarks/training.py
 
 clean:
-	rm -rf .venv .venv-demo build dist actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-demo build dist actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .fuzz
 
 # `installed` is written last and removed first: an environment without it was left half made, and
 # is made anew.

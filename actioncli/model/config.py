@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.prepare import BONES, Preparation
 from actioncli.errors import WeightsError
 
@@ -81,15 +82,81 @@ class ModelConfig:
         """Inverse of `to_json`.
 
         Raises:
-            WeightsError: not JSON, or keys that this version does not know.
+            WeightsError: not JSON, keys that this version does not know, or values that make no
+                model.
         """
         try:
             values = json.loads(text)
             preparation = values.pop("preparation")
             preparation["joints"] = tuple(preparation["joints"])
-            return cls(preparation=Preparation(**preparation), **values)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            config = cls(preparation=Preparation(**preparation), **values)
+            _check(config)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise WeightsError(
                 f"the weights hold a configuration that this version cannot read ({error}); "
                 "update actioncli or train the weights again."
             ) from error
+        return config
+
+
+# Beyond every model that anybody trained; what a stranger's file announces stays computable.
+_LARGEST_WIDTH = 4096
+_MOST_FRAMES = 1024
+_MOST_LAYERS = 64
+_MOST_JOINTS = 1000
+
+
+def _check(config: ModelConfig) -> None:
+    """Refuse a configuration whose shapes, or whose scores, could not be computed.
+
+    Raises:
+        ValueError: which value it is.
+    """
+    preparation = config.preparation
+    _number("frames", preparation.frames, 2, _MOST_FRAMES)
+    _number("tokens", config.tokens, 2, preparation.frames)
+    for name in ("width", "key_width", "tuple_width"):
+        _number(name, getattr(config, name), 1, _LARGEST_WIDTH)
+    for name in ("warp_width", "neighbours"):
+        _number(name, getattr(config, name), 0, _LARGEST_WIDTH)
+    _number("convolutions", config.convolutions, 0, _MOST_LAYERS)
+    _number("motion", preparation.motion, 0, 1, whole=False)
+    _number("mirrored", config.mirrored, 0, 1e6, whole=False)
+    for owner, name in (
+        (preparation, "heading"),
+        (config, "body_features"),
+        (config, "both_ways"),
+        (config, "near_pairs"),
+    ):
+        if not isinstance(getattr(owner, name), bool):
+            raise ValueError(f"{name} is neither true nor false")
+    if config.distance not in ("l2", "squared"):
+        raise ValueError("distance is none that is known")
+    if preparation.size not in ("recorded", "torso", "standard"):
+        raise ValueError("size is none that is known")
+    if preparation.frames % config.tokens:
+        raise ValueError("frames are no multiple of tokens")
+    joints = preparation.joints
+    if not all(isinstance(joint, str) for joint in joints) or len(joints) > _MOST_JOINTS:
+        raise ValueError(f"joints are no list of at most {_MOST_JOINTS} names")
+    needed = {"pelv"}
+    if preparation.heading:
+        needed |= {"lhip", "rhip", "lsho", "rsho"}
+    if preparation.size == "torso":
+        needed |= {"neck"}
+    standard = preparation.size == "standard"
+    if standard or config.body_features or config.warp_width or config.mirrored:
+        needed |= set(DEFAULT_JOINTS)
+    if len(set(joints)) != len(joints) or not needed <= set(joints):
+        raise ValueError("joints are named twice, or lack some that the preparation needs")
+    if standard and needed != set(joints):
+        raise ValueError("a body of standard size has the default joints alone")
+    if (config.body_features or config.warp_width) and not standard:
+        raise ValueError("body features and warping need a body of standard size")
+
+
+def _number(name: str, value: object, least: float, most: float, whole: bool = True) -> None:
+    number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    # NaN is not between any two numbers.
+    if not (number and isinstance(value, int | float) and least <= value <= most):
+        raise ValueError(f"{name} is not between {least:g} and {most:g}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,8 @@ from actioncli.weights_path import weights_file
 FORMAT = "actioncli-weights"
 FORMAT_VERSION = "1"
 DEFAULT_WEIGHTS = "trx_os.safetensors"
+# Bytes; the shipped ones are a hundred times smaller.
+LARGEST_FILE = 512 * 2**20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,13 +98,12 @@ def read_weights(path: str | Path | None = None) -> Weights:
     from safetensors import SafetensorError, safe_open
 
     file = Path(path) if path is not None else weights_file(DEFAULT_WEIGHTS)
+    _check_file(file)
     try:
         with safe_open(file, framework="np") as opened:
             header = opened.metadata() or {}
             stored = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
-    except FileNotFoundError as error:
-        raise WeightsError(f"{file}: no such weights file.") from error
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
+    except (SafetensorError, OSError, ValueError, TypeError, AttributeError) as error:
         raise WeightsError(
             f"{file}: cannot read weights ({error}); the file is damaged or no safetensors "
             "file. Install actioncli again, or train again."
@@ -118,18 +120,40 @@ def read_weights(path: str | Path | None = None) -> Weights:
         config = ModelConfig.from_json(configuration)
         told, checksum = header["metadata"], header["checksum"]
         metadata = json.loads(told)
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, RecursionError) as error:
         raise WeightsError(f"{file}: the header is damaged ({error}).") from error
     except WeightsError as error:
         raise WeightsError(f"{file}: {error}") from error
     shapes = {name: tensor.shape for name, tensor in stored.items()}
-    cohort = shapes.get("cohort", (0,))[0]
+    cohort = (*shapes.get("cohort", ()), 0)[0]
     if shapes != parameter_shapes(config) | closing_shapes(config, cohort):
         raise WeightsError(f"{file}: tensors do not fit the configuration in the header.")
     if checksum != _checksum(configuration, told, stored):
         raise WeightsError(f"{file}: damaged, the checksum does not match the content.")
-    tensors = {name: tensor.astype(np.float32, copy=False) for name, tensor in stored.items()}
+    if not isinstance(metadata, dict) or any(each.dtype.kind != "f" for each in stored.values()):
+        raise WeightsError(f"{file}: holds what are no weights; train again.")
+    with np.errstate(over="ignore"):
+        tensors = {name: each.astype(np.float32, copy=False) for name, each in stored.items()}
+    # A score must be a number, whatever the file.
+    if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
+        raise WeightsError(f"{file}: holds weights that are no finite numbers; train again.")
     return Weights(config, tensors, metadata, checksum, file)
+
+
+def _check_file(file: Path) -> None:
+    """Refuse what is missing, special (a pipe would never end), or far too large."""
+    try:
+        status = file.stat()
+    except FileNotFoundError as error:
+        raise WeightsError(f"{file}: no such weights file.") from error
+    except (OSError, ValueError) as error:
+        raise WeightsError(f"{file}: cannot read weights ({error}).") from error
+    if not stat.S_ISREG(status.st_mode):
+        raise WeightsError(f"{file}: is not a regular file; name a weights file.")
+    if status.st_size > LARGEST_FILE:
+        raise WeightsError(
+            f"{file}: has {status.st_size >> 20} MB; weights have at most {LARGEST_FILE >> 20}."
+        )
 
 
 def _checksum(configuration: str, told: str, tensors: Mapping[str, np.ndarray[Any, Any]]) -> str:

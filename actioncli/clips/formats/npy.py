@@ -7,6 +7,7 @@ not to be evaluated, nor its announced size believed before it was compared with
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -118,6 +119,16 @@ def read_array(stream: IO[bytes], header: ArrayHeader, where: str) -> NDArray[An
         view[filled : filled + len(piece)] = piece
         filled += len(piece)
     array = np.frombuffer(data, dtype=header.dtype)
+    if header.dtype.kind == "U":
+        _check_text(array, where)
     if header.fortran_order:
         return array.reshape(header.shape[::-1]).transpose()
     return array.reshape(header.shape)
+
+
+def _check_text(array: NDArray[np.str_], where: str) -> None:
+    """Refuse numbers that are no characters, which Python's strings cannot hold, and halves of
+    pairs, which no encoding can."""
+    codes = array.view(np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
+    if ((codes > sys.maxunicode) | ((codes >= 0xD800) & (codes <= 0xDFFF))).any():
+        raise ClipError(f"{where}: is damaged: its text holds what are no characters.")
