@@ -42,7 +42,7 @@ def test_wheel_holds_the_package_and_the_weights_and_nothing_else(wheel: Path) -
     code = {
         path.relative_to(ROOT).as_posix()
         for path in (ROOT / "actioncli").rglob("*")
-        if path.suffix in {".py", ".typed", ".css", ".js"}
+        if path.suffix in {".py", ".typed", ".css", ".html", ".js", ".svg"}
     }
     weights = {f"actioncli/weights/{path.name}" for path in (ROOT / "weights").iterdir()}
     assert held == code | weights

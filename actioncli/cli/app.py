@@ -31,6 +31,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
         "classify": "actioncli.cli.classify:classify",
         "watch": "actioncli.cli.watch:watch",
         "review": "actioncli.cli.review:review",
+        "studio": "actioncli.cli.studio:studio",
         "extract": "actioncli.cli.extract:extract",
         "calibrate": "actioncli.cli.calibrate:calibrate",
         "list-support": "actioncli.cli.support:list_support",

@@ -36,6 +36,7 @@ from actioncli.cli.video import (
     chosen_pose_model,
 )
 from actioncli.errors import ClipError, StoreError, UsageError, WeightsError
+from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,9 +44,6 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip, FloatArray
     from actioncli.recognizer import Recognizer
     from actioncli.store.store import SupportStore
-
-# Where negatives are kept; a label like any other, which can be shown, renamed and removed.
-NEGATIVES = "negatives"
 
 
 @command

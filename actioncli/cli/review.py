@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.common import Settings, command
-from actioncli.cli.enroll import NEGATIVES
 from actioncli.cli.output import note, number, plural, printable, say, write_json
 from actioncli.cli.support import draw
 from actioncli.errors import ClipError, UsageError
+from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:
     from actioncli.recorder import Kept

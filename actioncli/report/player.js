@@ -1,19 +1,18 @@
 "use strict";
 // Skeletons that play in step. A page holds one list of figures (id="figures"); every .player
-// names some of them, and all of its canvases share one moment and one view.
+// names some of them, and all of its canvases share one moment and one view. A page that gets its
+// figures later calls skeletons.mount for each player.
 (() => {
-  const source = document.getElementById("figures");
-  if (!source) return;
   const HEAD = 0.1; // metres
   const FRONT = { yaw: 0.35, pitch: 0.12 };
   const STEP = 0.12; // radians a key press turns
 
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  const figures = JSON.parse(source.textContent).map((figure) => ({
+  const unpacked = (figure) => ({
     ...figure,
     points: new Int16Array(bytes(figure.points).buffer), // millimetres
     sure: bytes(figure.sure),
-  }));
+  });
 
   // The frame, a fraction, that a figure shows at a share of the way through.
   function frameAt(figure, share) {
@@ -100,9 +99,10 @@
     }
   }
 
-  for (const player of document.querySelectorAll(".player")) {
+  // Bring a .player to life; one figure for each of its canvases. It rests once it has left the page.
+  function mount(player, figures) {
     const canvases = [...player.querySelectorAll("canvas")];
-    const shown = canvases.map((canvas) => figures[Number(canvas.dataset.figure)]);
+    const shown = figures.map(unpacked);
     const [play, scrub, said, front] = ["play", "scrub", "said", "front"].map((name) =>
       player.querySelector("." + name));
     const followers = document.querySelectorAll(`[data-player="${player.id}"]`);
@@ -118,7 +118,7 @@
       for (const line of followers) line.setAttribute("transform", `translate(${share * line.dataset.span} 0)`);
     }
     function tick(now) {
-      if (!playing) return;
+      if (!playing || !player.isConnected) return;
       share += (now - last) / 1000 / seconds;
       last = now;
       if (share >= 1) share -= Math.floor(share);
@@ -158,4 +158,12 @@
     addEventListener("beforeprint", show);
     show();
   }
+
+  const source = document.getElementById("figures");
+  const all = source ? JSON.parse(source.textContent) : [];
+  for (const player of source ? document.querySelectorAll(".player") : []) {
+    const canvases = [...player.querySelectorAll("canvas")];
+    mount(player, canvases.map((canvas) => all[Number(canvas.dataset.figure)]));
+  }
+  globalThis.skeletons = { mount };
 })();

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from actioncli.errors import UsageError
 
+# Where negatives are kept; a label like any other, which can be shown, renamed and removed.
+NEGATIVES = "negatives"
+
 LONGEST_LABEL = 100
 LONGEST_SOURCE = 255
 LONGEST_NOTE = 500

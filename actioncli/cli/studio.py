@@ -1,0 +1,91 @@
+"""`studio`: a local page, for those who would rather click."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from actioncli.cli.common import Settings, command
+from actioncli.cli.output import note, say
+from actioncli.errors import UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from actioncli.studio.server import Server
+
+PortOption = Annotated[
+    int,
+    typer.Option(
+        metavar="PORT", min=0, max=65535, help="Port of the loopback.  [default: any free one]",
+        show_default=False,
+    ),
+]  # fmt: skip
+OpenOption = Annotated[
+    bool, typer.Option("--open/--no-open", help="Show the page in the browser.", show_default=False)
+]
+
+
+@command
+def studio(settings: Settings, port: PortOption = 0, open_page: OpenOption = True) -> None:
+    """Record, enrol, test and calibrate on a page in the browser.
+
+    The page is served on this machine alone, and only to who has the token in its address.
+    Pictures of the browser's camera and files that are dropped on the page are looked at here, by
+    the same functions as the commands'; they go nowhere else, and none is kept. Ctrl-C ends it.
+    Needs the extra: pip install 'actioncli[studio]'.
+
+    \b
+    Examples:
+      actioncli studio
+      actioncli studio --port 8000 --no-open
+      actioncli studio --store family.db
+
+    \b
+    JSON keys:
+      address
+    """
+    check_extra()
+    from actioncli.studio.app import Studio
+    from actioncli.studio.server import Server
+    from actioncli.studio.support import SupportSet
+
+    support = SupportSet(settings.store)
+    support.state()  # a store that cannot be read is told here, not on the page
+    server = Server(port)
+    behind = Studio(support)
+    try:
+        tell_address(settings, server, behind.scratch.folder if open_page else None)
+        server.run(behind.app())
+    finally:
+        behind.close()
+        server.close()
+
+
+def check_extra() -> None:
+    """Find out whether pages can be served.
+
+    Raises:
+        UsageError: the packages for it are not installed.
+    """
+    for module in ("starlette", "uvicorn", "websockets"):
+        if importlib.util.find_spec(module) is None:
+            raise UsageError(f"the page needs {module}: pip install 'actioncli[studio]'.")
+
+
+def tell_address(settings: Settings, server: Server, folder: Path | None) -> None:
+    """Print the address, on a line of its own, and open it.
+
+    Args:
+        folder: private one, for opening; None leaves it to the user.
+    """
+    if settings.json:
+        say(json.dumps({"address": server.address}))
+    else:
+        say(server.address)
+        settings.tell("Ctrl-C ends it.")
+    if folder is not None and not server.open(folder):
+        note("note: no browser was found here; open the address in one.")

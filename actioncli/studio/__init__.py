@@ -1,0 +1,1 @@
+"""Local pages: the support set and what was recorded, for those who would rather click."""

@@ -1,0 +1,116 @@
+"""What pages are told, as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.resources import files
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from actioncli.errors import ActionCliError, ClipError, StoreError, SupportError, UsageError
+from actioncli.recognizer import Decision
+from actioncli.studio.scratch import TooLargeError
+
+# The first that fits.
+_STATUS = (
+    (TooLargeError, 413),
+    (UsageError, 400),
+    (ClipError, 422),
+    (SupportError, 404),
+    (StoreError, 503),
+    (ActionCliError, 500),
+)
+_KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript",
+          ".svg": "image/svg+xml"}  # fmt: skip
+# What pages share with reports, by package.
+_SHARED = {"page.css": "actioncli.report", "player.js": "actioncli.report"}
+
+
+def application(page: str, routes: list[BaseRoute]) -> Starlette:
+    """A page, the files that it loads, and what it can ask for.
+
+    Args:
+        page: file of the page at `/`.
+        routes: the rest.
+    """
+    return Starlette(
+        routes=[
+            Route("/", _file(page)),
+            Route("/static/{name}", _static),
+            *routes,
+        ],
+        exception_handlers={
+            ActionCliError: _told,
+            HTTPException: _no_such,
+        },
+    )
+
+
+def decision_entry(decision: Decision | None) -> dict[str, Any] | None:
+    """A decision; None where nothing is enrolled."""
+    if decision is None:
+        return None
+    return {
+        "label": decision.label,
+        "accepted": decision.accepted,
+        "confidence": decision.confidence,
+        "tau": decision.tau,
+        "nearest": decision.nearest,
+        "shadowed": decision.shadowed,
+        "ranking": [
+            {"label": each.label, "confidence": each.confidence} for each in decision.ranking
+        ],
+    }
+
+
+async def json_object(request: Request) -> dict[str, Any]:
+    """What a page sent.
+
+    Raises:
+        UsageError: it is no JSON object.
+    """
+    try:
+        document = await request.json()
+    except ValueError as error:
+        raise UsageError("The request holds no JSON.") from error
+    if not isinstance(document, dict):
+        raise UsageError("The request holds no JSON object.")
+    return document
+
+
+def _told(request: Request, error: Exception) -> Response:
+    status = next(code for kind, code in _STATUS if isinstance(error, kind))
+    # What has not been read of the request is not waited for.
+    headers = {"Connection": "close"} if status == 413 else None
+    told = {"type": type(error).__name__, "message": str(error)}
+    return JSONResponse({"error": told}, status, headers)
+
+
+def _no_such(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    told = {"type": "HTTPException", "message": f"{request.url.path}: {error.detail}."}
+    return JSONResponse({"error": told}, error.status_code)
+
+
+def _file(name: str) -> Callable[[Request], Response]:
+    package = _SHARED.get(name, "actioncli.studio")
+    path = files(package) / name if name in _SHARED else files(package) / "static" / name
+    suffix = name[name.rindex(".") :]
+
+    def answer(request: Request) -> Response:
+        return Response(path.read_bytes(), media_type=_KINDS[suffix])
+
+    return answer
+
+
+def _static(request: Request) -> Response:
+    name = request.path_params["name"]
+    known = {each.name for each in (files("actioncli.studio") / "static").iterdir()}
+    if name not in known | _SHARED.keys() or name.endswith(".html"):
+        return PlainTextResponse("No such file.\n", 404)
+    return _file(name)(request)

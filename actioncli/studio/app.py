@@ -1,0 +1,186 @@
+"""The studio's page: what it can ask for, and who answers."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.background import BackgroundTask
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+
+from actioncli.errors import UsageError
+from actioncli.report.figure import figure
+from actioncli.report.page import playable
+from actioncli.studio.answers import application, decision_entry, json_object
+from actioncli.studio.live import live_endpoint
+from actioncli.studio.measure import Measurement
+from actioncli.studio.scratch import Scratch, receive
+from actioncli.studio.support import SupportSet
+from actioncli.studio.tray import Sent, Tray, check_kind
+
+# Bytes of an upload.
+LARGEST_UPLOAD = 500_000_000
+EXPORT_NAME = "actions.safetensors"
+
+
+@dataclass(eq=False)
+class Studio:
+    """Everything behind the page; `close` it when it is no longer served."""
+
+    support: SupportSet
+    limit: int = LARGEST_UPLOAD
+
+    def __post_init__(self) -> None:
+        self.tray = Tray(self.support.recognizer)
+        self.measurement = Measurement(self.support)
+        self.scratch = Scratch()
+
+    def close(self) -> None:
+        """Stop what is going on, and delete what was uploaded."""
+        self.measurement.close()
+        self.tray.close()
+        self.scratch.close()
+
+    def app(self) -> Starlette:
+        """The page and what it asks for."""
+        return application(
+            "studio.html",
+            [
+                Route("/api/state", self.state),
+                Route("/api/examples/{id:int}", self.example_figure),
+                Route("/api/examples/{id:int}", self.remove_example, methods=["DELETE"]),
+                Route("/api/actions", self.remove_action, methods=["DELETE"]),
+                Route("/api/actions", self.rename_action, methods=["PATCH"]),
+                Route("/api/clips", self.send, methods=["POST"]),
+                Route("/api/clips/{id}", self.clip),
+                Route("/api/clips/{id}", self.discard, methods=["DELETE"]),
+                Route("/api/clips/{id}/enroll", self.enroll, methods=["POST"]),
+                Route("/api/measurement", self.measured),
+                Route("/api/tau", self.keep_tau, methods=["PUT"]),
+                Route("/api/export", self.export),
+                WebSocketRoute("/api/live", live_endpoint(self.support)),
+            ],
+        )
+
+    def state(self, request: Request) -> Response:
+        """What is enrolled; nothing new where the page names the version that it has."""
+        version = self.support.version()
+        if request.query_params.get("version") == version:
+            return JSONResponse({"version": version})
+        return JSONResponse({**self.support.state(), "limit": self.limit})
+
+    def example_figure(self, request: Request) -> Response:
+        """The skeleton of an example."""
+        return JSONResponse(self.support.figure(request.path_params["id"]))
+
+    async def remove_example(self, request: Request) -> Response:
+        """Delete one example of an action."""
+        asked = await json_object(request)
+        label = _text(asked, "label")
+        removed = await asyncio.to_thread(
+            self.support.store.remove, label, request.path_params["id"]
+        )
+        return JSONResponse({"removed": removed})
+
+    async def remove_action(self, request: Request) -> Response:
+        """Delete an action."""
+        asked = await json_object(request)
+        removed = await asyncio.to_thread(self.support.store.remove, _text(asked, "label"))
+        return JSONResponse({"removed": removed})
+
+    async def rename_action(self, request: Request) -> Response:
+        """Give an action another name."""
+        asked = await json_object(request)
+        old, new = _text(asked, "label"), _text(asked, "new")
+        renamed = await asyncio.to_thread(self.support.store.rename, old, new)
+        return JSONResponse({"examples": renamed})
+
+    async def send(self, request: Request) -> Response:
+        """Take a file, whose name stands in the address and whose bytes are the body."""
+        name = request.query_params.get("name", "")
+        suffix = check_kind(name)
+        path = await receive(request, self.scratch, suffix, self.limit)
+        sent = self.tray.add(path, name, {})
+        return JSONResponse({"id": sent.id, "name": sent.name}, 202)
+
+    def clip(self, request: Request) -> Response:
+        """How far reading is, or the clip and what it shows."""
+        sent = self.tray.get(request.path_params["id"])
+        return JSONResponse(self._entry(sent))
+
+    def _entry(self, sent: Sent) -> dict[str, Any]:
+        entry: dict[str, Any] = {"id": sent.id, "name": sent.name, "state": "reading"}
+        if not sent.reading.done():
+            if sent.progress is not None:
+                entry["seconds"] = sent.progress.seconds
+                entry["total"] = sent.progress.total
+            return entry
+        if message := sent.error():
+            return {**entry, "state": "failed", "message": message}
+        clip, embedding = sent.clip()
+        return {
+            **entry,
+            "state": "ready",
+            "frames": len(clip),
+            "seconds": clip.duration,
+            "notes": list(clip.notes),
+            "figure": playable(figure(clip)),
+            "decision": decision_entry(self.support.classify(embedding)),
+        }
+
+    def discard(self, request: Request) -> Response:
+        """Forget a clip, or stop reading it."""
+        self.tray.discard(request.path_params["id"])
+        return Response(status_code=204)
+
+    async def enroll(self, request: Request) -> Response:
+        """Keep a clip in the support set."""
+        asked = await json_object(request)
+        negative = asked.get("negative") is True
+        label = "" if negative else _text(asked, "label")
+        number = request.path_params["id"]
+        clip, embedding = self.tray.get(number).clip()
+        enrolled, warnings = await asyncio.to_thread(
+            self.support.enroll, label, clip, embedding, negative
+        )
+        self.tray.discard(number)
+        return JSONResponse(
+            {
+                "label": enrolled.label,
+                "example": enrolled.example,
+                "added": enrolled.added,
+                "warnings": warnings,
+            }
+        )
+
+    def measured(self, request: Request) -> Response:
+        """False accepts and rejects over tau."""
+        return JSONResponse(self.measurement.state())
+
+    async def keep_tau(self, request: Request) -> Response:
+        """Use a threshold from now on; null forgets it."""
+        tau = (await json_object(request)).get("tau")
+        if tau is not None and not (isinstance(tau, int | float) and 0 <= tau <= 1):
+            raise UsageError("tau must lie between 0 and 1.")
+        await asyncio.to_thread(self.support.keep_tau, None if tau is None else float(tau))
+        return JSONResponse({"tau": tau})
+
+    def export(self, request: Request) -> Response:
+        """The support set as one file, as `export` writes it."""
+        file = self.scratch.file(".safetensors")
+        file.unlink()
+        self.support.store.export(file)
+        return FileResponse(
+            file, filename=EXPORT_NAME, background=BackgroundTask(file.unlink, missing_ok=True)
+        )
+
+
+def _text(asked: dict[str, Any], key: str) -> str:
+    value = asked.get(key)
+    if not isinstance(value, str):
+        raise UsageError(f"The request lacks `{key}`.")
+    return value

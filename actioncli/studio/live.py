@@ -1,0 +1,173 @@
+"""A camera of the browser: its pictures come over a WebSocket, what they show goes back."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from typing import Any
+
+import anyio.to_thread
+import cv2
+import numpy as np
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from actioncli.errors import ActionCliError, UsageError
+from actioncli.events import STRIDE, Event, Spotter
+from actioncli.pose.annotate import bones
+from actioncli.pose.frames import Frame
+from actioncli.pose.sides import LIMBS
+from actioncli.pose.stream import PoseStream
+from actioncli.pose.video import DEFAULT_QUALITY
+from actioncli.studio.support import Loaded, SupportSet
+from actioncli.threshold import Threshold
+
+# A message is the picture's time, in seconds, as a little-endian double, and the picture as JPEG.
+_TIME = struct.Struct("<d")
+_JPEG = b"\xff\xd8\xff"
+# Below this mean visibility of the limbs, most of the body is out of the picture.
+_LEAST_VISIBLE = 0.5
+# Seconds of poses that are remembered while nothing is enrolled.
+_MEMORY = 3.0
+
+
+class Camera:
+    """What one camera shows, picture by picture."""
+
+    def __init__(self, support: SupportSet) -> None:
+        """Load the pose networks.
+
+        Raises:
+            WeightsError: one is missing or damaged.
+        """
+        self._support = support
+        self._tau: float | None = None
+        self._spotter: Spotter | None = None
+        self._known: tuple[Loaded, Threshold] | None = None
+        self._poses, self._memory = PoseStream(DEFAULT_QUALITY, _MEMORY), _MEMORY
+        self._time, self._looked = -math.inf, -math.inf
+
+    def use(self, tau: float | None) -> None:
+        """Try a threshold; None is the one in use."""
+        self._tau = tau
+
+    def frame(self, message: bytes) -> dict[str, Any]:
+        """Take in a picture, and tell what it shows.
+
+        Raises:
+            UsageError: the message holds no picture that follows the one before.
+            StoreError: the support set cannot be read.
+        """
+        frame = self._decoded(message)
+        self._poses.add(frame)
+        over: list[Event] = []
+        if frame.time - self._looked >= STRIDE:
+            self._looked = frame.time
+            self._follow_support()
+            if self._spotter is not None:
+                over = self._spotter.look(self._poses.clip(), frame.time)
+        return self._told(over)
+
+    def _decoded(self, message: bytes) -> Frame:
+        picture = message[_TIME.size :]
+        if not picture.startswith(_JPEG):
+            raise UsageError("A message must hold a time and a JPEG picture.")
+        (time,) = _TIME.unpack_from(message)
+        if not (math.isfinite(time) and time > self._time):
+            raise UsageError("Pictures must come in the order of their times.")
+        image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise UsageError("The JPEG picture is damaged.")
+        self._time = time
+        return Frame(time, np.asarray(image, np.uint8))
+
+    def _follow_support(self) -> None:
+        """What is enrolled may change while the camera runs."""
+        loaded = self._support.loaded()
+        threshold = self._support.threshold()[0]
+        if self._tau is not None:
+            threshold = Threshold(self._tau, threshold.weights)
+        if self._known == (loaded, threshold):
+            return
+        self._known = loaded, threshold
+        self._spotter = None
+        if loaded.support:
+            self._spotter = Spotter(
+                self._support.recognizer,
+                loaded.support,
+                threshold,
+                loaded.durations,
+                loaded.negatives,
+            )
+            needed = max(self._spotter.windows) + 1
+            if needed > self._memory:
+                self._poses, self._memory = PoseStream(DEFAULT_QUALITY, needed), needed
+
+    def _told(self, over: list[Event]) -> dict[str, Any]:
+        body, (width, height) = self._poses.body, self._poses.size
+        told: dict[str, Any] = {"seen": body is not None, "whole": False, "points": None}
+        if body is not None:
+            told["whole"] = float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
+            told["points"] = [
+                [round(float(x) / width, 4), round(float(y) / height, 4), round(float(sure), 2)]
+                for (x, y), sure in zip(body.points, body.visibility, strict=False)
+            ]
+        spotter = self._spotter
+        if spotter is not None and self._known is not None:
+            told["ranking"] = [
+                {"label": seen.label, "confidence": seen.confidence} for seen in spotter.ranking
+            ]
+            told["tau"] = self._known[1].tau
+            current = spotter.current
+            told["current"] = None if current is None else current.label
+            told["events"] = [
+                {"label": e.label, "seconds": e.end - e.start, "confidence": e.confidence}
+                for e in over
+            ]
+        return told
+
+
+def live_endpoint(support: SupportSet) -> Any:
+    """The WebSocket of a camera: pictures in, one answer to each out, in order."""
+
+    async def live(socket: WebSocket) -> None:
+        await socket.accept()
+        try:
+            camera = await anyio.to_thread.run_sync(Camera, support)
+            await socket.send_json({"bones": _bones()})
+            while True:
+                message = await socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    return
+                if message.get("bytes") is not None:
+                    told = await anyio.to_thread.run_sync(camera.frame, message["bytes"])
+                    await socket.send_json(told)
+                else:
+                    camera.use(_tau(message.get("text") or ""))
+        except ActionCliError as error:
+            await socket.send_json({"error": str(error)})
+            await socket.close(1003)
+        except WebSocketDisconnect:
+            return
+
+    return live
+
+
+def _bones() -> list[tuple[int, int, str]]:
+    sides = {(230, 159, 0): "left", (0, 94, 213): "right"}
+    return [(start, end, sides.get(colour, "middle")) for start, end, colour in bones()]
+
+
+def _tau(text: str) -> float | None:
+    """The threshold that a message names.
+
+    Raises:
+        UsageError: it names none.
+    """
+    try:
+        tau = json.loads(text)["tau"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise UsageError("A message must hold a picture or a threshold.") from error
+    if tau is not None and not (isinstance(tau, int | float) and 0 <= tau <= 1):
+        raise UsageError("tau must lie between 0 and 1.")
+    return tau

@@ -1,0 +1,101 @@
+"""How often the support set would accept what it must not, over tau: `calibrate`, for a slider."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from actioncli.calibration import Rate, recommend, run_trials
+from actioncli.studio.support import Loaded, SupportSet
+
+# Positions of the slider.
+STEPS = 100
+# Rate of false accepts that the recommended threshold holds, as in `calibrate`.
+TARGET_FAR = 0.05
+
+
+class _OutdatedError(Exception):
+    """The support set has changed, or nobody wants to know any more."""
+
+
+class Measurement:
+    """Measures in the background, once for every state of the support set that is asked about."""
+
+    def __init__(self, support: SupportSet) -> None:
+        """Nothing is measured until somebody asks."""
+        self._support = support
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._wanted: Loaded | None = None
+        self._found: dict[str, Any] = {}
+        self._share = 0.0
+
+    def state(self) -> dict[str, Any]:
+        """The figures of the present support set, or how far measuring is; starts it.
+
+        Keys: `state`, which is `nothing` (no action), `measuring` (with `share` done) or
+        `measured`, with `rates` for tau = 0, 0.01, ..., 1, `recommended` and `notes`.
+
+        Raises:
+            StoreError: the store cannot be read.
+        """
+        loaded = self._support.loaded()
+        if not loaded.support:
+            return {"state": "nothing"}
+        with self._lock:
+            if self._wanted is not loaded:
+                self._wanted, self._found, self._share = loaded, {}, 0.0
+                self._thread = threading.Thread(
+                    target=self._measure, args=(loaded,), name="measure", daemon=True
+                )
+                self._thread.start()
+            return self._found or {"state": "measuring", "share": self._share}
+
+    def close(self) -> None:
+        """Stop measuring."""
+        with self._lock:
+            self._wanted = None
+            thread = self._thread
+        if thread is not None:
+            thread.join()
+
+    def _measure(self, loaded: Loaded) -> None:
+        recognizer = self._support.recognizer
+
+        def progress(numbers: Sequence[int]) -> Iterator[int]:
+            for done, number in enumerate(numbers):
+                with self._lock:
+                    if self._wanted is not loaded:
+                        raise _OutdatedError
+                    self._share = done / len(numbers)
+                yield number
+
+        try:
+            nothing = recognizer.embed([])
+            trials = run_trials(recognizer, loaded.support, loaded.negatives, nothing, progress)
+        except _OutdatedError:
+            return
+        found = recommend(trials, TARGET_FAR)
+        rates = [
+            {
+                "false_accepts": _entry(trials.false_accepts(step / STEPS)),
+                "false_rejects": _entry(trials.false_rejects(step / STEPS)),
+                "misnamed": _entry(trials.misnamed(step / STEPS)),
+            }
+            for step in range(STEPS + 1)
+        ]
+        with self._lock:
+            if self._wanted is loaded:
+                self._found = {
+                    "state": "measured",
+                    "version": loaded.version,
+                    "rates": rates,
+                    "recommended": found.tau if found.measured else None,
+                    "notes": list(found.notes),
+                }
+
+
+def _entry(rate: Rate) -> dict[str, Any]:
+    low, high = rate.interval
+    return {"count": rate.count, "of": rate.of, "low": low, "high": high}

@@ -1,0 +1,128 @@
+"""Serving a page on the loopback until somebody ends it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import signal
+import socket
+import webbrowser
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from types import FrameType
+from typing import NoReturn
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from actioncli.errors import UsageError
+from actioncli.studio.guard import Guard
+
+# Bytes of a WebSocket message: a picture of a camera, many times over.
+_LARGEST_MESSAGE = 4_000_000
+# Seconds that requests in progress are given at the end.
+_LAST_SECONDS = 1
+
+
+class Server:
+    """A port of the loopback, and the address with its token that leads to the page.
+
+    Attributes:
+        address: what to open.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        """Take a port; 0 is any that is free.
+
+        Raises:
+            UsageError: it cannot be had.
+        """
+        self._socket = socket.socket()
+        try:
+            if os.name == "posix":  # on Windows, it would let others take the port as well
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._socket.bind(("127.0.0.1", port))
+        except (OSError, OverflowError) as error:
+            self._socket.close()
+            reason = error.strerror if isinstance(error, OSError) else "there is no such port"
+            raise UsageError(
+                f"--port {port}: cannot be used ({reason}); 0 takes any that is free."
+            ) from error
+        self.port: int = self._socket.getsockname()[1]
+        self._token = secrets.token_urlsafe(32)
+        self.address = f"http://127.0.0.1:{self.port}/?token={self._token}"
+        self._uvicorn: uvicorn.Server | None = None
+
+    def run(self, app: ASGIApp) -> None:
+        """Serve until `stop`, Ctrl-C, or an end of the terminal."""
+        self._uvicorn = uvicorn.Server(
+            uvicorn.Config(
+                Guard(app, self.port, self._token),
+                # Addresses hold the token, and the terminal belongs to the command.
+                log_config=None,
+                access_log=False,
+                log_level="critical",
+                lifespan="off",
+                http="h11",
+                ws="websockets-sansio",
+                ws_max_size=_LARGEST_MESSAGE,
+                server_header=False,
+                timeout_graceful_shutdown=_LAST_SECONDS,
+            )
+        )
+        with contextlib.suppress(KeyboardInterrupt), _ended_by_signals():
+            self._uvicorn.run([self._socket])
+
+    def stop(self) -> None:
+        """End `run`, from another thread."""
+        if self._uvicorn is not None:
+            self._uvicorn.should_exit = True
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._socket.close()
+
+    def open(self, folder: Path) -> bool:
+        """Show the page in the user's browser; whether one was found.
+
+        Whoever lists the machine's processes sees a browser's arguments. So it is given a file
+        that only the user can read, which leads to the address.
+
+        Args:
+            folder: private one for the file.
+        """
+        page = folder / "open.html"
+        page.touch(mode=0o600)
+        address = escape(self.address)
+        page.write_text(
+            f'<!doctype html><meta charset="utf-8"><title>actioncli</title>\n'
+            f'<meta http-equiv="refresh" content="0; url={address}">\n'
+            f'<a href="{address}">Open the page</a>\n',
+            encoding="utf-8",
+        )
+        try:
+            return webbrowser.open(page.as_uri())
+        except webbrowser.Error:
+            return False
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """A hang-up or a plea to end is like Ctrl-C: what was begun is tidied up."""
+
+    def end(number: int, frame: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
+    wanted = [signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    try:
+        before = {each: signal.signal(each, end) for each in wanted}
+    except ValueError:  # not in the main thread, which alone gets signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)

@@ -1,0 +1,209 @@
+// The browser's camera: recorded as a clip, or looked at live.
+
+import { byId, el, ranking, say } from "./dom.js";
+
+const COUNTDOWN = 3; // seconds
+const WIDTH = 480; // pixels of a live picture
+const QUALITY = 0.8; // of its JPEG
+const KINDS = ["video/webm;codecs=vp8", "video/webm", "video/mp4"];
+const EVENTS = 20; // kept on the list
+
+const sleep = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
+
+export class Camera {
+  // studio: { state, tau() }; tray takes what is recorded
+  constructor(studio, tray) {
+    Object.assign(this, { studio, tray, stream: null, socket: null, busy: false, number: 0, last: null });
+    this.video = byId("video");
+    this.picture = el("canvas");
+    byId("camera-switch").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
+    byId("record").addEventListener("click", () => this.record());
+    byId("which").addEventListener("change", () => { this.stop(); this.start(byId("which").value); });
+  }
+
+  async start(device) {
+    const size = { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
+    try {
+      if (!navigator.mediaDevices) throw new Error("this browser gives pages no camera");
+      const video = { ...size, ...(device ? { deviceId: { exact: device } } : {}) };
+      this.stream = await navigator.mediaDevices.getUserMedia({ video, audio: false });
+    } catch (error) {
+      say(cameraProblem(error));
+      return;
+    }
+    this.stream.getVideoTracks()[0].addEventListener("ended", () => this.stop());
+    this.video.srcObject = this.stream;
+    byId("camera").hidden = false;
+    byId("camera-switch").textContent = "Stop the camera";
+    byId("events").replaceChildren();
+    this.verdict("", "Looking …");
+    await this.video.play();
+    const settings = this.stream?.getVideoTracks()[0].getSettings();
+    this.video.parentElement.style.aspectRatio = `${this.video.videoWidth} / ${this.video.videoHeight}`;
+    await this.offerCameras(settings?.deviceId);
+    this.connect();
+  }
+
+  stop(why = "") {
+    this.stream?.getTracks().forEach((track) => track.stop());
+    this.stream = null;
+    this.video.srcObject = null;
+    this.socket?.close();
+    this.socket = null;
+    byId("camera").hidden = true;
+    byId("camera-switch").textContent = "Use the camera";
+    if (why) say(why);
+  }
+
+  async offerCameras(current) {
+    const devices = await navigator.mediaDevices.enumerateDevices();
+    const cameras = devices.filter((device) => device.kind === "videoinput");
+    byId("cameras").hidden = cameras.length < 2;
+    byId("which").replaceChildren(...cameras.map((camera, place) =>
+      el("option", { value: camera.deviceId, selected: camera.deviceId === current }, camera.label || `camera ${place + 1}`)));
+  }
+
+  connect() {
+    if (!this.stream) return;
+    const socket = new WebSocket(`ws://${location.host}/api/live`);
+    this.socket = socket;
+    socket.addEventListener("open", () => { this.sendTau(); this.sendPicture(socket); });
+    socket.addEventListener("message", (event) => {
+      const told = JSON.parse(event.data);
+      if (told.error) this.stop(told.error);
+      else if (told.bones) this.bones = told.bones;
+      else {
+        this.show(told);
+        this.sendPicture(socket);
+      }
+    });
+    socket.addEventListener("close", () => {
+      if (socket === this.socket) this.stop("The camera was stopped: actioncli does not answer.");
+    });
+  }
+
+  tauChanged() {
+    this.sendTau();
+    if (this.last) this.judge(this.last);
+  }
+
+  sendTau() {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ tau: this.studio.tau() }));
+  }
+
+  // One picture at a time is under way, so that none waits in a queue.
+  async sendPicture(socket) {
+    await new Promise(requestAnimationFrame);
+    while (this.busy && socket === this.socket) await sleep(0.1);
+    const { videoWidth, videoHeight } = this.video;
+    if (socket !== this.socket || socket.readyState !== WebSocket.OPEN || !videoWidth) return;
+    this.picture.width = Math.min(WIDTH, videoWidth);
+    this.picture.height = Math.round((videoHeight * this.picture.width) / videoWidth);
+    this.picture.getContext("2d").drawImage(this.video, 0, 0, this.picture.width, this.picture.height);
+    const time = new DataView(new ArrayBuffer(8));
+    time.setFloat64(0, performance.now() / 1000, true);
+    const jpeg = await new Promise((done) => this.picture.toBlob(done, "image/jpeg", QUALITY));
+    if (socket.readyState === WebSocket.OPEN) socket.send(new Blob([time, jpeg]));
+  }
+
+  show(told) {
+    this.draw(told.points);
+    byId("view").textContent = !told.seen ? "Nobody is in view" : told.whole
+      ? "The body is in view" : "Step back until head, hands and feet are in the picture";
+    for (const event of told.events ?? []) {
+      byId("events").prepend(el("li", {}, `${event.label}, ${event.seconds.toFixed(1)} s, confidence ${event.confidence.toFixed(2)}`));
+      while (byId("events").children.length > EVENTS) byId("events").lastChild.remove();
+    }
+    this.last = told;
+    this.judge(told);
+  }
+
+  judge(told) {
+    if (!told.ranking) {
+      byId("ranking").replaceChildren();
+      this.verdict("none", "Nothing is enrolled to compare it with.");
+      return;
+    }
+    const labels = (this.studio.state?.actions ?? []).filter((action) => !action.negative).map((action) => action.label);
+    const sure = new Map(told.ranking.map((seen) => [seen.label, seen.confidence]));
+    const tau = this.studio.tau() ?? told.tau;
+    const rows = labels.map((label) => ({ label, confidence: sure.get(label) ?? null }));
+    byId("ranking").replaceChildren(ranking(rows.sort((a, b) => (b.confidence ?? -1) - (a.confidence ?? -1)).slice(0, 6), tau));
+    const best = told.ranking[0];
+    if (told.current) this.verdict("yes", told.current);
+    else if (best) this.verdict("", `None of the actions (nearest ${best.label})`);
+    else this.verdict("none", told.seen ? "None of the actions" : "Nobody is in view");
+  }
+
+  // Only what is new: it is read out.
+  verdict(kind, text) {
+    const here = byId("verdict");
+    here.className = `verdict ${kind}`;
+    if (here.textContent !== text) here.textContent = text;
+  }
+
+  draw(points) {
+    const canvas = byId("overlay"), g = canvas.getContext("2d");
+    canvas.width = this.video.videoWidth;
+    canvas.height = this.video.videoHeight;
+    if (!points || !this.bones) return;
+    const style = getComputedStyle(canvas);
+    g.lineWidth = canvas.width / 120;
+    g.lineCap = "round";
+    for (const [a, b, side] of this.bones) {
+      g.globalAlpha = Math.min(points[a][2], points[b][2]) > 0.5 ? 1 : 0.25;
+      g.strokeStyle = side === "middle" ? "#f0f0f0" : style.getPropertyValue(`--film-${side}`);
+      g.beginPath();
+      g.moveTo(points[a][0] * canvas.width, points[a][1] * canvas.height);
+      g.lineTo(points[b][0] * canvas.width, points[b][1] * canvas.height);
+      g.stroke();
+    }
+  }
+
+  async record() {
+    if (this.busy || !this.stream) return;
+    const seconds = Number(byId("seconds").value), count = byId("count"), { stream } = this;
+    this.button(true);
+    count.hidden = false;
+    for (let left = COUNTDOWN; left > 0 && this.stream === stream; left--) {
+      count.textContent = `in ${left}`;
+      say(`Recording in ${left}`);
+      await sleep(1);
+    }
+    try {
+      if (this.stream !== stream) return;
+      this.busy = true; // the machine is left to the recording
+      this.draw(null);
+      count.textContent = "recording";
+      say(`Recording for ${seconds} s`);
+      const kind = KINDS.find((each) => MediaRecorder.isTypeSupported(each)) ?? "";
+      const parts = [], recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 4e6 });
+      recorder.addEventListener("dataavailable", (event) => parts.push(event.data));
+      const stopped = new Promise((done) => recorder.addEventListener("stop", done));
+      recorder.start();
+      await sleep(seconds);
+      if (recorder.state !== "inactive") recorder.stop();
+      await stopped;
+      const suffix = kind.includes("mp4") ? "mp4" : "webm";
+      say("Recorded.");
+      this.tray.send(new Blob(parts), `camera ${++this.number}.${suffix}`);
+    } catch (error) {
+      say(`The recording failed: ${error.message}`);
+    } finally {
+      this.busy = false;
+      count.hidden = true;
+      this.button(false);
+    }
+  }
+
+  button(recording) { byId("record").disabled = recording; }
+}
+
+function cameraProblem(error) {
+  const told = {
+    NotAllowedError: "The browser may not use a camera on this page: allow it in the address bar, then try again.",
+    NotFoundError: "The browser finds no camera. Drop a video instead.",
+    NotReadableError: "The camera cannot be read; another program may be using it.",
+  };
+  return told[error.name] ?? `The camera cannot be used: ${error.message}.`;
+}
