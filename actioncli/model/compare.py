@@ -6,7 +6,7 @@ Numpy only: the composition of the parts in `trx_os`, `features` and `warping` a
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,15 @@ from actioncli.model.warping import warping_cost
 # Support pairs that are compared in one piece: enough for full matrix speed, few enough that
 # scores stay in the processor's cache.
 _BLOCK_PAIRS = 1920
+
+# Queries whose pairs are kept at a time.
+_BLOCK_QUERIES = 16
+
+# Examples up to which every action is compared in full, and how many are beyond; the nearest
+# action is then found with what CONTRIBUTING calls its recall.
+EXACT = 256
+# Actions that are compared in full, however many examples each of them has.
+_FEWEST = 8
 
 # Distances below this are one and the same clip; keeps logarithms finite.
 _SAME = 1e-3
@@ -74,9 +83,10 @@ def _radius(params: Params, config: ModelConfig, views: Sequence[FloatArray]) ->
     a clip. Ordinary motions have near neighbours, so that near a query says less for them."""
     at = np.s_[..., 4 * config.key_width : config.view_width]
     cohort = params["cohort"][at]
-    cost = warping_cost(views[0][at], cohort)
-    if config.mirrored:
-        np.minimum(cost, config.mirrored * warping_cost(views[1][at], cohort), out=cost)
+    cost = warping_cost(np.concatenate([view[at] for view in views]), cohort)
+    cost = cost.reshape(len(views), -1, len(cohort))
+    cost[1:] *= config.mirrored
+    cost = cost.min(axis=0)
     nearest = np.sort(cost, axis=1)[:, : config.neighbours].mean(axis=1)
     radius = np.maximum(nearest, _SAME).astype(np.float32)
     return np.broadcast_to(radius[:, None, None], (*views[0].shape[:2], 1))
@@ -92,6 +102,11 @@ def scores(
     distance is exp(-logit), the odds against their being the same action; so the nearest action
     is the most confident one.
 
+    D and the radii cost a fiftieth of T and Disc, and the nearest action is always among the
+    first few by their terms alone. So of more than `EXACT` examples only the actions whose two
+    terms are largest are given T and Disc. The others get the least that T and Disc added to any
+    of those: a lower bound of their rank, never nearer than what was compared in full.
+
     Args:
         queries: (Q, F, E) embeddings.
         actions: K times (n, F, E), the examples of each.
@@ -99,11 +114,33 @@ def scores(
     Returns:
         distance (Q, K) and logit (Q, K); the confidence is the logit's sigmoid.
     """
-    parts = score_parts(params, config, queries, actions)
     if not config.warp_width:
+        parts = score_parts(params, config, queries, actions)
         return parts[..., 0], parts[..., 3]
-    logit = np.asarray(weighted(config, parts) @ params["score.weight"] + params["score.bias"])
+    weight, bias = params["score.weight"], params["score.bias"]
+    warped = _warp(config, queries, actions)
+    counts = np.array([len(action) for action in actions])
+    chosen = None
+    if counts.sum() > EXACT:
+        cheap = weighted(config, _unattended(warped)) @ (weight * [0, 1, 1, 0])
+        chosen = _largest(cheap, counts)
+    parts = _parts(params, config, queries, actions, warped, chosen)
+    logit = weighted(config, parts) @ weight + bias
+    if chosen is not None:
+        added = np.where(chosen, logit - cheap, np.inf).min(axis=1, keepdims=True)
+        logit = np.where(chosen, logit, cheap + added)
+    logit = np.asarray(logit, np.float32)
     return np.exp(np.minimum(-logit, 60)), logit
+
+
+def _largest(cheap: FloatArray, counts: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which actions to compare in full, (Q, K): the largest of `cheap` (Q, K), `EXACT` examples
+    and at least `_FEWEST` actions of them for each query; it does not depend on their order."""
+    order = np.argsort(-cheap, axis=1)
+    before = np.cumsum(counts[order], axis=1) - counts[order]
+    last = np.maximum((before < EXACT).sum(axis=1), min(_FEWEST, len(counts))) - 1
+    least = np.take_along_axis(cheap, order, axis=1)[np.arange(len(cheap)), last]
+    return np.asarray(cheap >= least[:, None])
 
 
 def weighted(config: ModelConfig, parts: FloatArray) -> FloatArray:
@@ -123,36 +160,56 @@ def score_parts(
     of the cost; T and the cost are then multiplied by `mirrored`. Of several examples, T attends
     to all together; the cost and the support's attention to the query are those of the best one.
     """
-    parts = np.ones((len(queries), len(actions), 4), np.float32)
-    views = np.zeros((len(queries), len(actions)), np.intp)
-    if config.warp_width:
-        views = _warp(config, queries, actions, parts)
+    return _parts(params, config, queries, actions, _warp(config, queries, actions), None)
+
+
+def _parts(
+    params: Params,
+    config: ModelConfig,
+    queries: FloatArray,
+    actions: Sequence[FloatArray],
+    warped: _Warped,
+    chosen: NDArray[np.bool_] | None,
+) -> FloatArray:
+    """`score_parts`, T and Disc only where `chosen` (Q, K) says so."""
+    parts = _unattended(warped)
     width = config.view_width
-    asked = [
-        trx_os.pairs(params, config, queries[..., view * width :])
-        for view in range(2 if config.mirrored else 1)
-    ]
-    for block in _blocks(config, actions):
-        stacked = np.stack([actions[action] for action in block])
-        k, n = stacked.shape[:2]
-        projected = stacked.reshape(k * n, *stacked.shape[2:])
-        keys, values = (
-            of_pairs.reshape(k, n * config.pairs, -1)
-            for of_pairs in trx_os.pairs(params, config, projected)
-        )
-        for q in range(len(queries)):
-            for view, (query_keys, query_values) in enumerate(asked):
-                seen = np.flatnonzero(views[q, block] == view)
-                if not len(seen):
-                    continue
-                # Most often all actions of a block are seen alike: no copy then.
-                part = slice(None) if len(seen) == k else seen
+    views = 2 if config.mirrored else 1
+    for start in range(0, len(queries), _BLOCK_QUERIES):
+        rows = slice(start, start + _BLOCK_QUERIES)
+        asked = queries[rows, :, : views * width].reshape(-1, config.tokens, views, width)
+        seen_so = np.moveaxis(asked, 2, 1).reshape(-1, config.tokens, width)
+        query_keys, query_values = trx_os.pairs(params, config, seen_so)
+        here = None if chosen is None else chosen[rows]
+        for block in _blocks(config, actions, here):
+            stacked = np.stack([actions[action] for action in block])
+            k, n = stacked.shape[:2]
+            projected = stacked.reshape(k * n, *stacked.shape[2:])
+            keys, values = (
+                of_pairs.reshape(k, n * config.pairs, -1)
+                for of_pairs in trx_os.pairs(params, config, projected)
+            )
+            wanted = np.ones((len(asked), k), bool) if here is None else here[:, block]
+            qs, ks = np.nonzero(wanted)
+            columns = np.asarray(block)[ks]
+            seen = warped.view[start + qs, columns]
+            size = max(1, _BLOCK_PAIRS // (n * config.pairs))
+            for at in range(0, len(qs), size):
+                one = slice(at, at + size)
+                row = qs[one] * views + seen[one]
+                # A single query meets the block as it is; nothing is copied then.
+                whole = len(ks) == k
                 t, logit = _attended(
-                    params, config, query_keys[q], query_values[q], keys[part], values[part]
+                    params,
+                    config,
+                    query_keys[row],
+                    query_values[row],
+                    keys[one] if whole else keys[ks[one]],
+                    values[one] if whole else values[ks[one]],
                 )
-                columns = np.asarray(block)[seen]
-                parts[q, columns, 0] = t * (config.mirrored if view else 1)
-                parts[q, columns, 3] = logit
+                t *= np.where(seen[one], config.mirrored, 1)
+                parts[start + qs[one], columns[one], 0] = t
+                parts[start + qs[one], columns[one], 3] = logit
     return parts
 
 
@@ -164,7 +221,7 @@ def _attended(
     keys: FloatArray,
     values: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """T and logit (K,) of one query (P, W) against K actions (K, n·P, W)."""
+    """T and logit (B,) of B queries (B, P, W), each against one action (B, n·P, W)."""
     bias = trx_os.place_bias(params, config, keys)
     if config.near_pairs:
         bias = np.tile(bias, keys.shape[1] // config.pairs)
@@ -183,47 +240,60 @@ def _attended(
     return t, logit
 
 
-def _warp(
-    config: ModelConfig,
-    queries: FloatArray,
-    actions: Sequence[FloatArray],
-    parts: FloatArray,
-) -> NDArray[np.intp]:
-    """Fill in cost and radii of `parts`; tell which view of the query each action is given."""
-    examples = np.concatenate(list(actions))
-    starts = np.cumsum([0, *(len(action) for action in actions[:-1])])
-    first = 4 * config.key_width
-    cost = np.stack(
-        [
-            factor
-            * warping_cost(
-                queries[..., at : at + config.warp_width],
-                examples[..., first : first + config.warp_width],
-            )
-            for factor, at in ((1.0, first), (config.mirrored, first + config.view_width))
-            if factor
-        ]
-    )
+class _Warped(NamedTuple):
+    """What the best example of each action gives, (Q, K) each: the warping cost, the geometric
+    mean of the radii, and the view of the query that it suits."""
+
+    cost: FloatArray
+    radius: FloatArray
+    view: NDArray[np.intp]
+
+
+def _warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]) -> _Warped:
+    shape = len(queries), len(actions)
+    if not config.warp_width:
+        ones = np.ones(shape, np.float32)
+        return _Warped(ones, ones, np.zeros(shape, np.intp))
+    at = np.s_[4 * config.key_width : config.view_width]
+    seen = [queries[..., at]]
+    if config.mirrored:
+        seen.append(queries[..., config.view_width + at.start : config.view_width + at.stop])
+    # Only these columns of all examples are ever side by side.
+    examples = np.concatenate([action[..., at] for action in actions])
+    cost = warping_cost(np.concatenate(seen), examples).reshape(len(seen), len(queries), -1)
+    cost[1:] *= config.mirrored
     view = cost.argmin(axis=0)
     cost = cost.min(axis=0)
-    # The best example of each action, in the orientation that suits it.
-    parts[..., 1] = np.minimum.reduceat(cost, starts, axis=1)
-    best = np.stack(
-        [start + cost[:, start : start + len(action)].argmin(axis=1)
-         for start, action in zip(starts, actions, strict=True)],
-        axis=1,
-    )  # fmt: skip
+    counts = [len(action) for action in actions]
+    starts = np.cumsum([0, *counts[:-1]])
+    least = np.minimum.reduceat(cost, starts, axis=1)
+    # The first example of each action that has the least cost.
+    places = np.where(
+        cost == np.repeat(least, counts, axis=1), np.arange(len(examples)), len(examples)
+    )
+    best = np.minimum.reduceat(places, starts, axis=1)
+    radius = np.ones(shape, np.float32)
     if config.neighbours:
-        radius = examples[:, 0, -1]
-        parts[..., 2] = np.sqrt(queries[:, 0, -1][:, None] * radius[best])
-    return np.take_along_axis(view, best, axis=1)
+        of_examples = np.concatenate([action[:, 0, -1] for action in actions])
+        radius = np.sqrt(queries[:, 0, -1][:, None] * of_examples[best])
+    return _Warped(least, radius, np.take_along_axis(view, best, axis=1))
 
 
-def _blocks(config: ModelConfig, actions: Sequence[FloatArray]) -> Iterator[list[int]]:
-    """Indices of actions with equally many examples, a block at a time."""
+def _unattended(warped: _Warped) -> FloatArray:
+    """(Q, K, 4) as `score_parts`, 1 in the places of T and Disc."""
+    ones = np.ones_like(warped.cost)
+    return np.stack([ones, warped.cost, warped.radius, ones], axis=-1)
+
+
+def _blocks(
+    config: ModelConfig, actions: Sequence[FloatArray], chosen: NDArray[np.bool_] | None
+) -> Iterator[list[int]]:
+    """Indices of actions with equally many examples, a block at a time; with `chosen` (Q, K)
+    those that any query needs."""
+    wanted = range(len(actions)) if chosen is None else np.flatnonzero(chosen.any(axis=0)).tolist()
     by_count: dict[int, list[int]] = {}
-    for action, embedding in enumerate(actions):
-        by_count.setdefault(len(embedding), []).append(action)
+    for action in wanted:
+        by_count.setdefault(len(actions[action]), []).append(action)
     for count, members in by_count.items():
         size = max(1, _BLOCK_PAIRS // (count * config.pairs))
         for start in range(0, len(members), size):

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
 
-# Pairs warped in one piece: their cost matrices stay in the processor's cache.
+# Pairs warped in one piece: enough to make up for the calls, and their cost matrices stay in the
+# processor's cache.
 _BLOCK_PAIRS = 512
 
 
@@ -31,45 +32,57 @@ def warping_cost(queries: NDArray[Any], supports: NDArray[Any]) -> FloatArray:
     cost = np.empty((len(queries), len(supports)), np.float32)
     wide = max(1, min(len(supports), _BLOCK_PAIRS))
     step = max(1, _BLOCK_PAIRS // wide)
-    for row in range(0, len(queries), step):
-        for column in range(0, len(supports), wide):
-            block = np.s_[row : row + step], np.s_[column : column + wide]
-            cost[block] = _warped(_frame_distances(queries[block[0]], supports[block[1]]))
+    left = _left_factors(queries)
+    for column in range(0, len(supports), wide):
+        right = _right_factors(supports[column : column + wide])
+        for row in range(0, len(queries), step):
+            block = np.s_[row : row + step, column : column + wide]
+            cost[block] = _warped(left[row : row + step], right)
     return cost
 
 
-def _frame_distances(queries: NDArray[Any], supports: NDArray[Any]) -> FloatArray:
-    """(F, G, Q, S) distance between frame f of query q and frame g of support s.
-
-    From |a - b|² = |a|² + |b|² - 2ab, so that one matrix product serves all pairs.
-    """
-    (q, f, numbers), (s, g) = queries.shape, supports.shape[:2]
-    a = np.asarray(queries, np.float32).reshape(q * f, numbers)
-    b = np.asarray(supports, np.float32).reshape(s * g, numbers)
-    squared = (a * a).sum(1)[:, None] + (b * b).sum(1) - 2 * (a @ b.T)
-    # Rounding can leave the square of a zero distance a hair below zero.
-    distance: FloatArray = np.sqrt(np.maximum(squared, 0))
-    return distance.reshape(q, f, s, g).transpose(1, 3, 0, 2)
+def _left_factors(frames: NDArray[Any]) -> FloatArray:
+    """(Q, F, V + 2) rows (-2a, |a|², 1); see `_right_factors`."""
+    left = np.ones((*frames.shape[:2], frames.shape[2] + 2), np.float32)
+    left[..., :-2] = frames
+    left[..., -2] = (left[..., :-2] ** 2).sum(axis=-1)
+    left[..., :-2] *= -2
+    return left
 
 
-def _warped(cost: FloatArray) -> FloatArray:
-    """(Q, S) cost of the cheapest path through each (F, G) matrix of `cost` (F, G, Q, S).
+def _right_factors(frames: NDArray[Any]) -> FloatArray:
+    """(V + 2, G, S) columns (b, 1, |b|²): their product with the rows is |a - b|²."""
+    right = np.ones((frames.shape[2] + 2, frames.shape[1], frames.shape[0]), np.float32)
+    right[:-2] = frames.transpose(2, 1, 0)
+    right[-1] = (right[:-2] ** 2).sum(axis=0)
+    return right
+
+
+def _warped(left: FloatArray, right: FloatArray) -> FloatArray:
+    """(Q, S) cost of the cheapest path through the matrix of frame distances of each pair.
 
     Cells of an anti-diagonal do not depend on one another, so each is one step for all pairs.
-    Row f is shifted right by f, which makes a column of each anti-diagonal; what lies outside
-    the matrix costs infinity.
     """
-    f, g = cost.shape[:2]
-    slanted = np.full((f + g - 1, f, *cost.shape[2:]), np.inf, np.float32)
-    for row in range(f):
-        slanted[row : row + g, row] = cost[row]
-    before = np.full(slanted.shape[1:], np.inf, np.float32)
-    last = before.copy()
-    last[0] = slanted[0, 0]
-    for diagonal in slanted[1:]:
-        now = last.copy()
-        np.minimum(now[1:], last[:-1], out=now[1:])
-        np.minimum(now[1:], before[:-1], out=now[1:])
-        now += diagonal
-        before, last = last, now
-    return np.asarray(2 * last[f - 1] / (f + g), np.float32)
+    (q, f), (numbers, g, s) = left.shape[:2], right.shape
+    # Row i of the matrix is shifted right by i, which makes a column of each anti-diagonal.
+    slanted = np.empty((f + g - 1, f, q, s), np.float32)
+    one_row, one_column, *pair = slanted.strides
+    cells = np.lib.stride_tricks.as_strided(
+        slanted, (f, g, q, s), (one_row + one_column, one_row, *pair)
+    )
+    for query in range(q):
+        squared = (left[query] @ right.reshape(numbers, g * s)).reshape(f, g, s)
+        # Rounding can leave the square of a zero distance a hair below zero.
+        np.maximum(squared, 0, out=squared)
+        np.sqrt(squared, out=cells[:, :, query])
+    # Rows are counted from 1; row 0, and cells that were never filled, lie outside the matrix.
+    before, last, now = np.full((3, f + 1, q, s), np.inf, np.float32)
+    last[1] = slanted[0, 0]
+    for diagonal in range(1, f + g - 1):
+        low, high = max(0, diagonal - g + 1), min(diagonal, f - 1) + 1
+        here = now[low + 1 : high + 1]
+        np.minimum(last[low + 1 : high + 1], last[low:high], out=here)
+        np.minimum(here, before[low:high], out=here)
+        here += slanted[diagonal, low:high]
+        before, last, now = last, now, before
+    return np.asarray(last[f] * np.float32(2 / (f + g)), np.float32)
