@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.errors import ClipError, UsageError
+from actioncli.replacing import replacing
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
@@ -72,7 +73,7 @@ class Kept:
 
 
 class Recorder:
-    """Keeps the clip of every event, and of every near miss, in a folder.
+    """Keeps the clip of every event, and of every near miss, in a folder, for its owner only.
 
     A near miss is a stretch in which the surest action stays within `NEAR` of its threshold
     without becoming an event; its clip is the window that came nearest. What leads up to an event
@@ -86,7 +87,7 @@ class Recorder:
             UsageError: it cannot be made.
         """
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"{folder}: cannot be made: {error.strerror}.") from error
         self._folder, self._threshold, self._source = folder, threshold, source
@@ -187,10 +188,11 @@ class Recorder:
             end=end,
             source=self._source,
         )
-        write_clip(file, clip)
+        write_clip(file, clip, private=True)
         description = {key: value for key, value in asdict(kept).items() if key != "file"}
         text = json.dumps(description, indent=1)
-        file.with_suffix(".json").write_text(f"{text}\n", encoding="utf-8")
+        with replacing(file.with_suffix(".json"), private=True) as part:
+            part.write_text(f"{text}\n", encoding="utf-8")
 
 
 def kept_clips(folder: Path) -> list[Kept]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -15,9 +14,12 @@ import numpy as np
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
+from actioncli.replacing import replacing
 
 
-def write_clip(path: str | os.PathLike[str], clip: Clip, format: str | None = None) -> None:
+def write_clip(
+    path: str | os.PathLike[str], clip: Clip, format: str | None = None, private: bool = False
+) -> None:
     """Write a clip; a file of that name is replaced, whole or not at all.
 
     `npz` and `json` keep everything but source and notes; `csv` keeps the confidence; `trc`, which
@@ -26,6 +28,7 @@ def write_clip(path: str | os.PathLike[str], clip: Clip, format: str | None = No
 
     Args:
         format: one of `WRITERS`; None: what the suffix says.
+        private: readable by its owner only, whatever the umask allows.
 
     Raises:
         UsageError: no such format.
@@ -35,25 +38,11 @@ def write_clip(path: str | os.PathLike[str], clip: Clip, format: str | None = No
     kind = format or file.suffix.lower().removeprefix(".")
     if kind not in WRITERS:
         raise UsageError(f"{file}: clips are written as {', '.join(WRITERS)}, not as {kind!r}.")
-    part: Path | None = None
     try:
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.", suffix=".part")
-        part = Path(name)
-        with os.fdopen(handle, "wb") as stream:
+        with replacing(file, private) as part, part.open("wb") as stream:
             WRITERS[kind](stream, clip)
-        part.chmod(0o666 & ~_umask())
-        part.replace(file)
     except OSError as error:
-        if part is not None:
-            part.unlink(missing_ok=True)
         raise ClipError(f"{file}: cannot be written: {error.strerror}.") from error
-
-
-def _umask() -> int:
-    # There is no other way to ask for it.
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
 
 
 def _write_npz(stream: IO[bytes], clip: Clip) -> None:

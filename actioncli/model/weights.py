@@ -17,6 +17,7 @@ from actioncli.errors import WeightsError
 from actioncli.model.compare import closing_shapes
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
+from actioncli.replacing import replacing
 from actioncli.weights_path import weights_file
 
 FORMAT = "actioncli-weights"
@@ -78,13 +79,11 @@ def write_weights(
         "metadata": told,
         "checksum": checksum,
     }
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(save(stored, metadata=header))
-        part.replace(path)
+        with replacing(path) as part:
+            part.write_bytes(save(stored, metadata=header))
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise WeightsError(f"{path}: cannot write weights: {error.strerror}.") from error
     return checksum
 

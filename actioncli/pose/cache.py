@@ -6,8 +6,10 @@ import contextlib
 import hashlib
 import json
 import os
+import stat
 import tempfile
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,11 @@ from actioncli.pose.poses import Poses
 FORMAT = 2
 LARGEST = 256 * 2**20  # bytes; the poses of about 20 hours
 SUFFIX = ".npz"
+# What numpy and zipfile make of a file with flipped bits.
+_DAMAGED = (
+    OSError, ValueError, KeyError, IndexError, EOFError, MemoryError, OverflowError, RuntimeError,
+    TypeError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 
 
 def cache_folder() -> Path:
@@ -38,8 +45,11 @@ def cache_key(video: Path, settings: dict[str, object]) -> str:
 
 def load(key: str) -> Poses | None:
     """The poses kept under a key; None if there are none, or the file is damaged."""
-    path = cache_folder() / (key + SUFFIX)
+    folder = cache_folder()
+    path = folder / (key + SUFFIX)
     try:
+        if not _ours(folder):
+            return None
         with np.load(path, allow_pickle=False) as stored:
             poses = Poses(
                 times=stored["times"],
@@ -51,7 +61,7 @@ def load(key: str) -> Poses | None:
                 notes=tuple(str(note) for note in stored["notes"]),
             )
         os.utime(path)  # what is used stays longest
-    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
+    except _DAMAGED:
         return None
     return poses
 
@@ -66,6 +76,8 @@ def keep(key: str, poses: Poses) -> None:
         # The folder above holds the support set; `mode` is that of the last folder only.
         folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         folder.mkdir(exist_ok=True, mode=0o700)
+        if not _ours(folder):
+            return
         folder.chmod(0o700)  # skeletons and habits are nobody else's business
         # mkstemp gives mode 0600, which the file keeps.
         handle, part = tempfile.mkstemp(dir=folder, suffix=".part")
@@ -86,6 +98,17 @@ def keep(key: str, poses: Poses) -> None:
             Path(part).unlink(missing_ok=True)
             raise
         _shrink(folder)
+
+
+def _ours(folder: Path) -> bool:
+    """Whether it is a folder that no other user laid there, nor a link to some other place.
+
+    Raises:
+        OSError: there is none.
+    """
+    status = folder.lstat()
+    mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
+    return mine and stat.S_ISDIR(status.st_mode)
 
 
 def _shrink(folder: Path) -> None:

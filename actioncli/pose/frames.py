@@ -76,7 +76,8 @@ class VideoFile:
             raise ClipError(f"{path}: cannot read the video: {error.strerror}.") from error
         if empty:
             raise ClipError(f"{path}: the file is empty.")
-        self._capture = opened(str(path), cv2.CAP_FFMPEG)
+        # FFmpeg takes a name that begins like `http:` for an address; an absolute one never does.
+        self._capture = opened(str(path.absolute()), cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
             raise ClipError(
                 f"{path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF can, "

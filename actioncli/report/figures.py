@@ -14,11 +14,15 @@ from actioncli.evaluation.acceptance import Acceptance
 from actioncli.evaluation.confusions import Confusion
 from actioncli.evaluation.curves import Pool, curves, histogram
 from actioncli.evaluation.result import CLASSES_FOR_MEAN, METRICS, Answers, Evaluation, Result
+from actioncli.replacing import replacing
 
 Row = dict[str, Any]
 
 # The page of a report; `figures.json` also marks a folder as one.
 PAGE, FIGURES = "index.html", "figures.json"
+
+# Some spreadsheets read the signs of full width like the others.
+_FORMULA = frozenset("=+-@\t\r\n＝＋－＠")
 
 
 def check_folder(folder: Path) -> None:
@@ -54,10 +58,14 @@ def write_folder(
     text = json.dumps(document, indent=1, allow_nan=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / FIGURES).write_text(f"{text}\n", encoding="utf-8")
+        # The folder may be shared: what lies there under these names is replaced, links too.
+        with replacing(folder / FIGURES) as part:
+            part.write_text(f"{text}\n", encoding="utf-8")
         for name, lines in rows.items():
-            write_csv(folder / f"{name}.csv", lines)
-        (folder / PAGE).write_text(page, encoding="utf-8")
+            with replacing(folder / f"{name}.csv") as part:
+                write_csv(part, lines)
+        with replacing(folder / PAGE) as part:
+            part.write_text(page, encoding="utf-8")
     except OSError as error:
         where = error.filename or folder
         raise UsageError(f"{where}: cannot be written: {error.strerror or error}.") from error
@@ -214,6 +222,6 @@ def _cell(value: object) -> object:
     if isinstance(value, float):
         return f"{value:.6g}"
     # A spreadsheet takes what begins like this for a formula; labels come from anywhere.
-    if isinstance(value, str) and value[:1] in {"=", "+", "-", "@", "\t", "\r"}:
+    if isinstance(value, str) and value[:1] in _FORMULA:
         return f"'{value}"
     return value

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from actioncli.errors import WeightsError
+from actioncli.replacing import replacing
 
 
 @dataclass(slots=True)
@@ -51,12 +52,10 @@ def save_checkpoint(path: Path, state: TrainingState, fingerprint: str) -> None:
         "score": repr(state.score),
         "history": json.dumps(state.history),
     }
-    part = path.with_name(path.name + ".part")
     try:
-        save_file({name: t.contiguous() for name, t in tensors.items()}, part, metadata=header)
-        part.replace(path)
+        with replacing(path) as part:
+            save_file({name: t.contiguous() for name, t in tensors.items()}, part, metadata=header)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise WeightsError(f"{path}: cannot write the checkpoint: {error.strerror}.") from error
 
 
