@@ -11,13 +11,12 @@ from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import ClipError
 from actioncli.recognizer import Recognizer
 from actioncli.threshold import Threshold
+from actioncli.windows import window_lengths
 
 # Seconds between looks at the stream.
 STRIDE = 0.25
-# Windows are this much shorter and longer than the enrolled examples, so that fast and slow
-# performances match; each is at most so many times as long as the one before.
-_FASTER, _SLOWER, _GROWTH = 0.7, 1.4, 1.45
-_SHORTEST, _LONGEST = 0.8, 8.0
+# Seconds of the longest window: the stream is not kept for longer.
+_LONGEST = 8.0
 # An event begins after so many looks above tau in a row, and ends after so many below what holds.
 _LOOKS_TO_BEGIN, _LOOKS_TO_END = 2, 3
 # A confidence above this share of tau keeps an event going.
@@ -41,14 +40,6 @@ class Sighting:
     label: str
     confidence: float
     start: float
-
-
-def window_lengths(durations: Iterable[float]) -> tuple[float, ...]:
-    """Lengths of the sliding windows, seconds, for examples of these durations."""
-    known = [float(np.clip(seconds, _SHORTEST, _LONGEST)) for seconds in durations]
-    low, high = max(_FASTER * min(known), _SHORTEST), min(_SLOWER * max(known), _LONGEST)
-    count = max(1, int(np.ceil(np.log(high / low) / np.log(_GROWTH))))
-    return tuple(np.geomspace(low, high, count + 1).tolist())
 
 
 class Spotter:
@@ -80,7 +71,7 @@ class Spotter:
         nothing = () if negatives is None else negatives
         # Each negative competes like an action, under a name that no label can have.
         self._support = {**support, **{f"\n{n}": one[None] for n, one in enumerate(nothing)}}
-        self.windows = window_lengths(durations)
+        self.windows = window_lengths(durations, _LONGEST)
         self.ranking: tuple[Sighting, ...] = ()
         self._event: Event | None = None
         self._rising: list[Sighting] = []

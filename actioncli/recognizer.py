@@ -5,8 +5,8 @@ One clip's way: `prepare` → `trx_os.embed` → `compare` with each enrolled ac
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from actioncli.clips.prepare import prepare
 from actioncli.errors import SupportError
 from actioncli.model import compare
 from actioncli.model.weights import Weights, read_weights
+from actioncli.windows import odds_factor, windows
 
 DEFAULT_TAU = 0.5
 
@@ -63,8 +64,12 @@ class Decision:
         tau: the threshold that was used.
         nearest: the nearest enrolled action, accepted or not.
         ranking: all enrolled actions, nearest first.
-        notes: what reading the clip decided on the way, and whether a negative is nearest.
+        notes: what reading the clip decided on the way, which part of it is meant, and whether
+            a negative is nearest.
         nearest_negative: distance to the nearest negative; None where there are none.
+        part: when the part that all of this is about begins and ends, seconds of the clip's
+            source: the whole clip, or of a long clip the window that shows an action best.
+            None for an embedding.
     """
 
     label: str | None
@@ -75,6 +80,7 @@ class Decision:
     ranking: tuple[Ranked, ...]
     notes: tuple[str, ...] = ()
     nearest_negative: float | None = None
+    part: tuple[float, float] | None = None
 
     @property
     def shadowed(self) -> bool:
@@ -154,8 +160,14 @@ class Recognizer:
         support: Mapping[str, Sequence[Clip] | FloatArray],
         tau: float = DEFAULT_TAU,
         negatives: Sequence[Clip] | FloatArray | None = None,
+        durations: Iterable[float] | None = None,
     ) -> Decision:
         """Find the nearest enrolled action and accept or reject it.
+
+        In a clip that is much longer than the enrolled ones, the action may be a part: windows
+        then compete with the whole, and the decision is about the part that shows an action
+        best, see `actioncli.windows`. The odds 1 / confidence - 1 of a window are multiplied by
+        `odds_factor` of the number of windows; where distances are odds, so are they.
 
         Args:
             clip: the query, or its embedding (F, E).
@@ -163,30 +175,41 @@ class Recognizer:
             tau: accept where the confidence is above it.
             negatives: what must never be accepted, N clips or embeddings (N, F, E), each an
                 action of its own: a query that is nearer to one of them than to every enrolled
-                action is rejected, whatever its confidence.
+                action is rejected, whatever its confidence. Of a long clip, windows that are
+                nearer to a negative are left out; if a negative's confidence in the whole clip
+                is above tau, no window is looked at.
+            durations: of the enrolled examples, seconds, for support that is given as
+                embeddings; of clips they are known. () compares the clip as a whole, as does
+                None where no example is a clip.
 
         Raises:
             SupportError: no action, or an action without examples.
         """
-        query = self._embedded([clip]) if isinstance(clip, Clip) else clip[None]
-        comparison = self.compare(query, support)
-        order = np.argsort(comparison.distance[0], kind="stable")
+        parts: list[Clip] = []
+        if isinstance(clip, Clip):
+            parts = [clip, *windows(clip, _durations(support) if durations is None else durations)]
+        query = self.embed(parts) if parts else np.asarray(clip)[None]
+        odds = odds_factor(max(len(parts) - 1, 1))
+        comparison = self._less_likely(self.compare(query, support), odds)
+        row, negative = self._surest(query, comparison, negatives, odds, tau)
+        order = np.argsort(comparison.distance[row], kind="stable")
         ranking = tuple(
             Ranked(
                 str(comparison.labels[k]),
-                float(comparison.distance[0, k]),
-                float(comparison.probability[0, k]),
-                float(comparison.confidence[0, k]),
+                float(comparison.distance[row, k]),
+                float(comparison.probability[row, k]),
+                float(comparison.confidence[row, k]),
             )
             for k in order
         )
         nearest = ranking[0]
-        notes = clip.notes if isinstance(clip, Clip) else ()
-        negative = None
-        if negatives is not None and len(negatives):
-            each = self._embedded(negatives)
-            apart = self.compare(query, {str(n): each[n : n + 1] for n in range(len(each))})
-            negative = float(apart.distance.min())
+        notes = parts[row].notes if parts else ()
+        part = (parts[row].start, parts[row].start + parts[row].duration) if parts else None
+        if part and row:
+            notes += (
+                f"matched {part[0]:.1f} s to {part[1]:.1f} s, the surest of "
+                f"{len(parts) - 1} windows",
+            )
         shadowed = negative is not None and negative < nearest.distance
         if shadowed:
             notes += (
@@ -203,7 +226,64 @@ class Recognizer:
             ranking=ranking,
             notes=notes,
             nearest_negative=negative,
+            part=part,
         )
+
+    def _less_likely(self, comparison: Comparison, odds: float) -> Comparison:
+        """The comparison of a whole clip, in the first row, and its windows, whose odds against a
+        match are multiplied."""
+        confidence, distance = comparison.confidence.copy(), comparison.distance.copy()
+        confidence[1:] /= confidence[1:] + (1 - confidence[1:]) * np.float32(odds)
+        if self.weights.config.warp_width:
+            distance[1:] *= np.float32(odds)
+        return replace(comparison, confidence=confidence, distance=distance)
+
+    def _surest(
+        self,
+        query: FloatArray,
+        comparison: Comparison,
+        negatives: Sequence[Clip] | FloatArray | None,
+        odds: float,
+        tau: float,
+    ) -> tuple[int, float | None]:
+        """The row that decides, and its distance to the nearest negative, if there are any."""
+        nearest = comparison.distance.argmin(axis=1)
+        confidence = np.take_along_axis(comparison.confidence, nearest[:, None], axis=1)[:, 0]
+        order = np.argsort(-confidence, kind="stable").tolist()
+        if negatives is None or not len(negatives):
+            return order[0], None
+        each = self._embedded(negatives)
+        kept = {str(n): each[n : n + 1] for n in range(len(each))}
+
+        def like_negative(row: int) -> tuple[bool, float, float]:
+            """Whether a negative is nearest, its distance and confidence."""
+            apart = self.compare(query[row : row + 1], kept)
+            nearest = int(apart.distance[0].argmin())
+            away = float(apart.distance[0, nearest])
+            if row and self.weights.config.warp_width:
+                away *= odds
+            shadowed = away < float(comparison.distance[row].min())
+            return shadowed, away, float(apart.confidence[0, nearest])
+
+        # A clip that shows a negative is rejected as a whole; a window like one is left out.
+        shadowed, whole, confidence_of_whole = like_negative(0)
+        if shadowed and confidence_of_whole > tau:
+            return 0, whole
+        for row in order:
+            shadowed, away, _ = like_negative(row)
+            if not shadowed:
+                return row, away
+        return 0, whole
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else self.embed(clips)
+
+
+def _durations(support: Mapping[str, Sequence[Clip] | FloatArray]) -> list[float]:
+    """Of the examples that are clips, seconds."""
+    return [
+        clip.duration
+        for clips in support.values()
+        if not isinstance(clips, np.ndarray)
+        for clip in clips
+    ]

@@ -96,6 +96,9 @@ def classify(
     negative (`enroll --negative`) than to every action is rejected, whatever its confidence. A
     clip that cannot be used is reported, and the others are still classified.
 
+    In a clip that lasts 1.5 times as long as the enrolled ones or longer, windows of about their
+    length compete with the whole; the part that shows an action best is told.
+
     \b
     Examples:
       actioncli classify query.mp4
@@ -108,7 +111,8 @@ def classify(
     JSON keys:
       tau, actions, clips, accepted, rejected, failed
       clips[]: source, label, accepted, confidence, tau, nearest, nearest_negative, ranking
-      clips[]: ms, notes, error
+      clips[]: part, ms, notes, error
+      clips[].part: start, end
       clips[].ranking[]: label, distance, probability, confidence
       clips[].error: type, message, exit_code
     """
@@ -129,6 +133,9 @@ def classify(
         support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
         negatives = stored_negatives(store, recognizer)
         threshold = used_threshold(settings, store, recognizer, tau)
+        # Where --start or --end name the part, no other is looked for.
+        found = () if start is not None or end is not None else store.actions()
+        durations = [each.seconds / each.examples for each in found if not each.negative]
     if not support:
         raise SupportError(
             "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
@@ -141,7 +148,8 @@ def classify(
         begun = time.perf_counter()
         try:
             clip = reading.read(path)
-            decision = threshold.apply(recognizer.classify(clip, support, threshold.tau, negatives))
+            decision = recognizer.classify(clip, support, threshold.tau, negatives, durations)
+            decision = threshold.apply(decision)
         except ClipError as unusable:
             failed += 1
             report_bad_clip(unusable)
@@ -197,6 +205,9 @@ def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> di
             }
             for ranked in decision.ranking[:top]
         ],
+        "part": None
+        if decision.part is None
+        else dict(zip(("start", "end"), map(number, decision.part), strict=True)),
         "ms": number(milliseconds),
         "notes": list(decision.notes),
     }

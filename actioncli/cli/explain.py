@@ -39,8 +39,11 @@ def explain_decision(
         SupportError: the action was removed meanwhile.
     """
     from actioncli.explanation import explain
+    from actioncli.pose.active import cut
     from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
 
+    if decision.part is not None:
+        clip = cut(clip, *(at - clip.start for at in decision.part))
     with settings.open_store() as store:
         enrolled = store.examples(decision.nearest)
         found = explain(recognizer, clip, [store.clip(example.id) for example in enrolled])

@@ -30,6 +30,7 @@ class Clip:
         confidence: (T, J) float32 in [0, 1], read-only, or None where the source has none.
         source: where the clip came from, for people to read (a file name, a camera).
         notes: what reading decided on the way (person chosen, gaps filled), for people.
+        start: when in its source the clip begins, seconds; 0 for a whole file.
     """
 
     joints: FloatArray
@@ -38,6 +39,7 @@ class Clip:
     confidence: FloatArray | None
     source: str
     notes: tuple[str, ...] = field(default=())
+    start: float = 0.0
 
     def __init__(
         self,
@@ -47,6 +49,7 @@ class Clip:
         confidence: ArrayLike | None = None,
         source: str = "",
         notes: Sequence[str] = (),
+        start: float = 0.0,
     ) -> None:
         """Check and freeze.
 
@@ -103,6 +106,7 @@ class Clip:
         object.__setattr__(self, "fps", rate)
         object.__setattr__(self, "source", str(source))
         object.__setattr__(self, "notes", tuple(notes))
+        object.__setattr__(self, "start", float(start))
 
     @property
     def duration(self) -> float:

@@ -127,10 +127,22 @@ def _stretches(
 
 
 def cut(clip: Clip, start: float, end: float) -> Clip:
-    """The part of a clip between two times, seconds from its beginning."""
-    kept = slice(round(start * clip.fps), round(end * clip.fps) + 1)
-    confidence = None if clip.confidence is None else clip.confidence[kept]
-    return Clip(clip.joints[kept], clip.joint_names, clip.fps, confidence, clip.source, clip.notes)
+    """The part of a clip between two times, seconds from its beginning.
+
+    Raises:
+        ClipError: nothing moves in it.
+    """
+    first = round(start * clip.fps)
+    kept = slice(first, round(end * clip.fps) + 1)
+    return Clip(
+        clip.joints[kept],
+        clip.joint_names,
+        clip.fps,
+        None if clip.confidence is None else clip.confidence[kept],
+        clip.source,
+        clip.notes,
+        clip.start + first / clip.fps,
+    )
 
 
 def action_in(clip: Clip) -> tuple[float, float, int]:

@@ -131,7 +131,8 @@ def read_metrabs_clip(
     used = f"used {first + offset:.1f} s to {last + offset:.1f} s"
     if repetitions > 1:
         used += f", one of about {repetitions} repetitions"
-    return Clip(part.joints, part.joint_names, part.fps, None, part.source, [*part.notes, used])
+    told = [*part.notes, used]
+    return Clip(part.joints, part.joint_names, part.fps, None, part.source, told, part.start)
 
 
 def _assign(people: list[_Person], poses: FloatArray, time: float) -> None:
@@ -175,7 +176,8 @@ def _clip(
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP)
     lost = [f"nobody was seen from {times[g]:.1f} s to {times[g + 1]:.1f} s" for g in gaps]
     joints = resample(np.stack(person.poses), times, even)
-    return Clip(joints, names, 1 / step, None, str(file), [*notes, *lost, TERMS])
+    told = [*notes, *lost, TERMS]
+    return Clip(joints, names, 1 / step, None, str(file), told, float(times[0]))
 
 
 def _load_tensorflow(path: Path) -> PoseModel:

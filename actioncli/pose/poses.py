@@ -97,6 +97,7 @@ class Poses:
             confidence=confidence.clip(0, 1),
             source=source,
             notes=notes,
+            start=float(self.times[0]),
         )
 
 

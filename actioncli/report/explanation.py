@@ -103,7 +103,7 @@ def _sections(
     yield f"<h2>What makes the distance to {nearest}</h2>"
     yield _summary(query, decision, explanation, preparation)
     yield f'<div class="plots">{_joints(explanation)}{_moments(explanation)}</div>'
-    yield _definition(explanation, config)
+    yield _definition(decision, explanation, config)
     yield "<h2>What was compared with what</h2>"
     yield _attention(query, neighbours[0], explanation, config)
     yield "<h2>What happened to the clip before</h2>"
@@ -250,8 +250,15 @@ def _moments(explanation: Explanation) -> str:
     return plot.html("The upright line is the moment that is shown above.")
 
 
-def _definition(explanation: Explanation, config: ModelConfig) -> str:
+def _definition(decision: Decision, explanation: Explanation, config: ModelConfig) -> str:
     parts = explanation.distance - explanation.base
+    factor = decision.ranking[0].distance / (explanation.distance or 1.0)
+    windows = (
+        f" The clip is a window of a long one. The decision’s distance is {factor:.2f} times as "
+        "large, because of many windows one is more often like an action by chance."
+        if factor > 1.01
+        else ""
+    )
     odds = (
         "The distance is the odds against the clip and the action being the same, "
         "(1 − confidence) / confidence. "
@@ -261,7 +268,8 @@ def _definition(explanation: Explanation, config: ModelConfig) -> str:
     return (
         f"<p>{odds}Distance {_short(explanation.distance)} = {_short(explanation.base)}, that of "
         f"the enrolled example itself at the query’s pace, {'+' if parts >= 0 else '−'} "
-        f"{_short(abs(parts))}, the sum of the joints’ parts, and also of the moments’.</p>"
+        f"{_short(abs(parts))}, the sum of the joints’ parts, and also of the "
+        f"moments’.{windows}</p>"
         "<details><summary>How parts are measured</summary><p>The enrolled example, aligned in "
         "time with the query, is turned into the query joint by joint, each bone taking the "
         "query’s direction, and the distance to the action is measured after each. A joint’s part "
