@@ -61,7 +61,7 @@ def keep_threshold(store: SupportStore, threshold: Threshold | None) -> None:
                 }
             ),
         )
-    elif store.setting(_SETTING) is not None:  # forgetting must not create a store
+    else:
         store.set_setting(_SETTING, None)
 
 

@@ -269,14 +269,11 @@ def clear(settings: Settings, yes: YesOption = False) -> None:
     JSON keys:
       removed
     """
-    from actioncli.threshold import keep_threshold
-
     with settings.open_store() as store:
         count = len(store.examples())
         if not _agreed(settings, yes, f"Remove {plural(count, 'example')}, all there are?"):
             return
-        removed = store.clear()
-        keep_threshold(store, None)
+        removed = store.clear(settings=True)
     if settings.json:
         write_json({"removed": removed})
     elif not settings.quiet:

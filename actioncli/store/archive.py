@@ -20,13 +20,13 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from actioncli.errors import ActionCliError, StoreError
 from actioncli.store.faults import system_fault
-from actioncli.store.record import TIME_FORMAT, Record, check_outline
+from actioncli.store.location import sync_folder
+from actioncli.store.record import Record, check_outline, find_flaw
 
 FORMAT = "actioncli support set"
 VERSION = 1
@@ -105,6 +105,7 @@ def write_archive(path: Path, entries: Sequence[Entry], records: Iterable[Record
             os.fsync(file.fileno())
         Path(temporary).replace(path)
         temporary = None
+        sync_folder(path.parent)
     except OSError as error:
         raise system_fault(path, error, "cannot be written") from error
     finally:
@@ -140,7 +141,9 @@ def _records(file: BinaryIO, size: int, path: Path) -> Iterator[Record]:
             joints = file.read(entry.joints_size)
             confidence = file.read(entry.confidence_size) if entry.confidence else None
             record = replace(entry.record, joints=joints, confidence=confidence)
-            _check(record)
+            flaw = find_flaw(record)
+            if flaw:
+                raise _RefusedError(flaw)
             yield record
     except (_RefusedError, ActionCliError) as error:
         raise StoreError(
@@ -203,23 +206,6 @@ def _entry(fields: Any) -> Entry:
     check_outline(fields["frames"], names, "")
     record = Record(**{**fields, "joint_names": tuple(names)}, joints=b"", confidence=None)
     return Entry(record, confidence)
-
-
-def _check(record: Record) -> None:
-    """Take only what enrolling the same clip would have stored."""
-    if not record.intact():
-        raise _RefusedError("its content is damaged (the checksum differs).")
-    # Equal to what the store itself makes of it: label, source and note are clean, names
-    # printable, the clip valid.
-    again = Record.from_clip(record.label, record.clip(), record.note, record.negative)
-    if replace(again, added=record.added) != record:
-        raise _RefusedError("its label, note or source is not as the store would write it.")
-    try:
-        time = datetime.fromisoformat(record.added).strftime(TIME_FORMAT)
-    except ValueError:
-        time = ""
-    if time != record.added:
-        raise _RefusedError("its time is not as the store would write it.")
 
 
 def _header(entries: Sequence[Entry]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ They belong to one set of weights and can always be computed again.
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import zlib
 from pathlib import Path
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
 # No one should wait long for the right to keep what can be computed again.
 _PATIENCE = 2.0
 
+_ALL = (
+    "SELECT id, label, negative, weights, embeddings.frames, width, data, crc "
+    "FROM embeddings JOIN examples ON example = id"
+)
+
 
 def read_embeddings(
     db: sqlite3.Connection, weights: str, negative: bool
@@ -35,36 +41,43 @@ def read_embeddings(
 
     labels: dict[int, str] = {}
     found: dict[int, NDArray[np.float32]] = {}
-    for example, label, frames, width, crc, data in db.execute(
-        "SELECT id, label, embeddings.frames, width, crc, data FROM examples "
+    for example, label, held, frames, width, crc, data in db.execute(
+        "SELECT id, label, negative, embeddings.frames, width, crc, data FROM examples "
         "LEFT JOIN embeddings ON example = id AND weights = ? WHERE negative = ? ORDER BY id",
         (weights, negative),
     ):
         require(str, label)
         labels[example] = label
-        if data is not None and crc == _crc(example, weights, frames, width, data):
+        if data is not None and crc == _crc(example, label, held, weights, frames, width, data):
             found[example] = np.frombuffer(data, "<f4").reshape(frames, width)
     return labels, found
 
 
-def keep_embeddings(path: Path, weights: str, embeddings: dict[int, NDArray[np.float32]]) -> None:
+def keep_embeddings(
+    path: Path,
+    weights: str,
+    negative: bool,
+    labels: dict[int, str],
+    embeddings: dict[int, NDArray[np.float32]],
+) -> None:
     """Add to the cache, and drop what belongs to other weights.
 
     A store that cannot be written now goes without.
     """
     rows: list[tuple[Any, ...]] = []
     for example, embedding in embeddings.items():
+        label = labels[example]
         frames, width = embedding.shape
         data = embedding.tobytes()
-        crc = _crc(example, weights, frames, width, data)
-        rows.append((weights, frames, width, crc, data, example))
+        crc = _crc(example, label, negative, weights, frames, width, data)
+        rows.append((weights, frames, width, crc, data, example, label))
     try:
         with writing(path, _PATIENCE) as db:
             db.execute("DELETE FROM embeddings WHERE weights != ?", (weights,))
-            # An example may have been removed in the meantime.
+            # An example may have been removed or renamed in the meantime.
             db.executemany(
                 "INSERT OR REPLACE INTO embeddings (example, weights, frames, width, crc, data) "
-                "SELECT id, ?, ?, ?, ?, ? FROM examples WHERE id = ?",
+                "SELECT id, ?, ?, ?, ?, ? FROM examples WHERE id = ? AND label = ?",
                 rows,
             )
     except StoreError:
@@ -73,10 +86,26 @@ def keep_embeddings(path: Path, weights: str, embeddings: dict[int, NDArray[np.f
 
 def damaged_embeddings(db: sqlite3.Connection) -> list[int]:
     """The examples whose cached embedding has changed since it was written."""
-    rows = db.execute("SELECT example, weights, frames, width, data, crc FROM embeddings")
-    return [row[0] for row in rows if _crc(*row[:5]) != row[5]]
+    return [row[0] for row in db.execute(f"{_ALL} ORDER BY id") if _crc(*row[:7]) != row[7]]
 
 
-def _crc(example: int, weights: str, frames: int, width: int, data: bytes) -> int:
-    """Covers an embedding and what it belongs to: SQLite does not see a flipped bit."""
-    return zlib.crc32(data, zlib.crc32(f"{example} {weights} {frames} {width}".encode()))
+def rename_embeddings(db: sqlite3.Connection, old: str, new: str) -> None:
+    """Keep the embeddings of a label that is about to get another name."""
+    changed = []
+    for row in db.execute(f"{_ALL} WHERE label = ?", (old,)):
+        example, _, negative, weights, frames, width, data, crc = row
+        if _crc(*row[:7]) == crc:
+            crc = _crc(example, new, negative, weights, frames, width, data)
+            changed.append((crc, example, weights))
+    db.executemany("UPDATE embeddings SET crc = ? WHERE example = ? AND weights = ?", changed)
+
+
+def _crc(
+    example: int, label: str, negative: bool, weights: str, frames: int, width: int, data: bytes
+) -> int:
+    """Covers an embedding and what it belongs to: SQLite does not see a flipped bit.
+
+    With the label in it, a query that meets only embeddings notices one that was damaged.
+    """
+    told = json.dumps([example, label, int(negative), weights, frames, width], default=repr)
+    return zlib.crc32(data, zlib.crc32(told.encode()))

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+from actioncli.errors import StoreError
 from actioncli.store import migrations
 from actioncli.store.faults import sqlite_fault
 from actioncli.store.location import exists, prepare
@@ -49,12 +50,28 @@ def reading(path: Path) -> Iterator[sqlite3.Connection | None]:
     with _connected(path, PATIENCE) as db:
         db.execute("BEGIN")
         version = migrations.schema_version(db, path)
-        if 0 < version < len(migrations.MIGRATIONS):
-            db.execute("ROLLBACK")
-            with writing(path):
-                pass  # the first release to read an old store brings it up to date
+        if not 0 < version < len(migrations.MIGRATIONS):
+            yield db if version else None
+            return
+        db.execute("ROLLBACK")
+        if _brought_up_to_date(path):
             db.execute("BEGIN")
-        yield db if version else None
+            yield db
+            return
+        # It cannot be written (a read-only folder, a full disk): what reads it sees a copy.
+        with closing(sqlite3.connect(":memory:", isolation_level=None)) as copy:
+            db.backup(copy)
+            migrations.migrate(copy, path)
+            yield copy
+
+
+def _brought_up_to_date(path: Path) -> bool:
+    """Whether the first release to read an old store could give it today's schema."""
+    try:
+        with writing(path):
+            return True
+    except StoreError:
+        return False
 
 
 @contextmanager
@@ -70,13 +87,29 @@ def writing(path: Path, patience: float | None = None) -> Iterator[sqlite3.Conne
     Raises:
         StoreError: the file cannot be opened, locked or written as a store.
     """
-    prepare(path)
-    with _connected(path, PATIENCE if patience is None else patience) as db:
-        # The write lock is taken first: a reader that turned writer could deadlock with another.
-        db.execute("BEGIN IMMEDIATE")
-        migrations.migrate(db, path)
-        yield db
-        db.execute("COMMIT")
+    while True:
+        prepare(path)
+        file = _file(path)
+        with _connected(path, PATIENCE if patience is None else patience) as db:
+            # The write lock is taken first: a reader that turned writer could deadlock with
+            # another.
+            db.execute("BEGIN IMMEDIATE")
+            # While this waited for the lock, a repair may have put another file in its place.
+            if _file(path) != file:
+                continue
+            migrations.migrate(db, path)
+            yield db
+            db.execute("COMMIT")
+            return
+
+
+def _file(path: Path) -> tuple[int, int] | None:
+    """Which file stands there; None where there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 @contextmanager

@@ -29,8 +29,6 @@ def insert(db: sqlite3.Connection, record: Record) -> Enrolled:
     Raises:
         UsageError: the label holds negatives and this is an action, or the other way round.
     """
-    from actioncli.store.record import COLUMNS
-
     held = holds_negatives(db, record.label)
     if held is not None and held != record.negative:
         there, given = ("negatives", "an action") if held else ("an action", "negatives")
@@ -41,10 +39,22 @@ def insert(db: sqlite3.Connection, record: Record) -> Enrolled:
     ).fetchone()
     if same:
         return Enrolled(int(same[0]), record.label, added=False)
-    values = (*record.row(), len(record.joint_names))
+    # The next identifier of AUTOINCREMENT: the seal covers it.
+    (example,) = db.execute(
+        "SELECT 1 + max((SELECT coalesce(max(id), 0) FROM examples), coalesce("
+        "(SELECT seq FROM sqlite_sequence WHERE name = 'examples'), 0))"
+    ).fetchone()
+    place(db, example, record)
+    return Enrolled(example, record.label, added=True)
+
+
+def place(db: sqlite3.Connection, example: int, record: Record) -> None:
+    """Write an example under a free identifier."""
+    from actioncli.store.record import COLUMNS
+
+    values = (example, len(record.joint_names), record.seal(example), *record.row())
     places = ", ".join("?" * len(values))
-    cursor = db.execute(f"INSERT INTO examples ({COLUMNS}, joint_count) VALUES ({places})", values)
-    return Enrolled(int(cursor.lastrowid or 0), record.label, added=True)
+    db.execute(f"INSERT INTO examples (id, joint_count, seal, {COLUMNS}) VALUES ({places})", values)
 
 
 def holds_negatives(db: sqlite3.Connection, label: str) -> bool | None:
@@ -103,12 +113,13 @@ def read_record(db: sqlite3.Connection, path: Path, example: int) -> Record:
     """
     from actioncli.store.record import COLUMNS, Record
 
-    row = db.execute(f"SELECT {COLUMNS} FROM examples WHERE id = ?", (example,)).fetchone()
+    row = db.execute(f"SELECT seal, {COLUMNS} FROM examples WHERE id = ?", (example,)).fetchone()
     if row is None:
         raise sqlite3.DatabaseError(f"example {example} is listed but missing")
+    sealed, *row = row
     try:
         record = Record.from_row(row)
-        intact = record.intact()
+        intact = record.intact() and record.seal(example) == sealed
     except (TypeError, ValueError) as error:
         raise damaged(path, example, row[0]) from error
     if not intact:
@@ -116,9 +127,29 @@ def read_record(db: sqlite3.Connection, path: Path, example: int) -> Record:
     return record
 
 
+def rename_examples(db: sqlite3.Connection, path: Path, old: str, new: str) -> int:
+    """Give all examples of a label another one; how many there are.
+
+    Raises:
+        StoreError: one is not what was enrolled; a new seal would hide that.
+    """
+    from actioncli.store.record import seal
+
+    changed = []
+    for example, sealed, *rest in db.execute(
+        "SELECT id, seal, negative, source, note, added, checksum FROM examples WHERE label = ?",
+        (old,),
+    ):
+        if seal(example, old, *rest) != sealed:
+            raise damaged(path, example, old)
+        changed.append((new, seal(example, new, *rest), example))
+    db.executemany("UPDATE examples SET label = ?, seal = ? WHERE id = ?", changed)
+    return len(changed)
+
+
 def damaged(path: Path, example: int, label: object) -> StoreError:
     """The error of an example whose content is not what was enrolled."""
     return StoreError(
-        f"{path}: example {example} of {label!r} is damaged. Remove it "
-        f"(`actioncli remove LABEL --example {example}`) and enrol it again."
+        f"{path}: example {example} of {label!r} is damaged. `actioncli doctor --repair` sets it "
+        "aside; then enrol it again."
     )

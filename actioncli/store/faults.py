@@ -9,13 +9,13 @@ from pathlib import Path
 from actioncli.errors import StoreError
 
 _RESTORE = (
-    "Keep a copy of the file, see `actioncli doctor`, and start anew from an export "
-    "(`actioncli import FILE`)."
+    "Run `actioncli doctor --repair`: it salvages what the file still holds, and keeps the file. "
+    "What is gone comes back from an export (`actioncli import FILE`)."
 )
 # By SQLite's result code; https://sqlite.org/rescode.html
 _REASONS = {
     sqlite3.SQLITE_NOTADB: "is not a support set (not an SQLite database, or its first bytes are "
-    f"damaged). Name another file with --store or ACTIONCLI_HOME. {_RESTORE}",
+    f"damaged). Name another file with --store or ACTIONCLI_HOME, or: {_RESTORE}",
     sqlite3.SQLITE_CORRUPT: f"is damaged. {_RESTORE}",
     sqlite3.SQLITE_BUSY: "is locked by another program. Wait for it or end it, then try again; "
     "on a network drive that cannot lock, move the store to a local disk (ACTIONCLI_HOME).",

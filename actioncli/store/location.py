@@ -16,6 +16,10 @@ from actioncli.store.faults import system_fault
 FILE_NAME = "support.db"
 HOME_VARIABLE = "ACTIONCLI_HOME"
 
+# SQLite takes 512 bytes of a path, file systems 255 of a name; eight are for `-journal`.
+_LONGEST_NAME = 255 - 8
+_LONGEST_PATH = 512 - 8
+
 
 def store_path(path: str | Path | None = None) -> Path:
     """The store's file: `path`, else `$ACTIONCLI_HOME/support.db`, else the user's data folder.
@@ -72,8 +76,9 @@ def prepare(path: Path) -> None:
     """
     folder = path.parent
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not exists(path):
+            _check_length(path)
+            _make_folder(folder)
             if _ours(folder) and not any(folder.iterdir()):
                 folder.chmod(0o700)
             flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
@@ -85,6 +90,45 @@ def prepare(path: Path) -> None:
             path.chmod(0o600)
     except (OSError, ValueError) as error:
         raise _unusable(path, error) from error
+
+
+def sync_folder(folder: Path) -> None:
+    """What was created, renamed or deleted in a folder survives a power loss from now on."""
+    if os.name != "posix":
+        return  # elsewhere folders cannot be opened, and the system sees to it
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _make_folder(folder: Path) -> None:
+    missing = folder
+    made = []
+    while not missing.is_dir() and missing != missing.parent:
+        made.append(missing)
+        missing = missing.parent
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for each in made:
+        sync_folder(each.parent)
+
+
+def _check_length(path: Path) -> None:
+    """A name that is too long for the journal beside it would never hold anything.
+
+    Raises:
+        StoreError: it is.
+    """
+    for what, name, most in (
+        ("file name", path.name, _LONGEST_NAME),
+        ("path", os.path.realpath(path), _LONGEST_PATH),
+    ):
+        if len(os.fsencode(name)) > most:
+            raise StoreError(
+                f"{path}: this {what} is too long for a support set (more than {most} bytes); name "
+                f"a shorter one with --store or {HOME_VARIABLE}."
+            )
 
 
 def open_to_others(path: Path) -> bool:

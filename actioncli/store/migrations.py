@@ -1,12 +1,14 @@
 """The schema, as the ordered list of changes that lead to it.
 
 A database's `user_version` counts the changes it has seen, its `application_id` says that it is
-ours. A change that was released is never edited; a new one is added below it.
+ours. A change that was released is never edited; a new one is added below it, and a store of the
+schema before it is kept for the tests (`tests/store/schemas/make.py`).
 """
 
 from __future__ import annotations
 
 import sqlite3
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,7 +64,23 @@ MIGRATIONS: tuple[Migration, ...] = (
             "CREATE TABLE settings (name TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL)",
         ),
     ),
+    Migration(
+        "seals, so that a flipped bit is noticed in a label as it is in a recording",
+        (
+            "ALTER TABLE examples ADD COLUMN seal INTEGER NOT NULL DEFAULT 0",
+            "UPDATE examples SET seal = seal(id, label, negative, source, note, added, checksum)",
+            "ALTER TABLE settings ADD COLUMN crc INTEGER NOT NULL DEFAULT 0",
+            "UPDATE settings SET crc = setting_crc(name, value)",
+            # Their checksums cover the label from now on.
+            "DELETE FROM embeddings",
+        ),
+    ),
 )
+
+
+def setting_crc(name: str, value: str) -> int:
+    """CRC-32 of a setting."""
+    return zlib.crc32(f"{name}\0{value}".encode("utf-8", "surrogatepass"))
 
 
 def schema_version(db: sqlite3.Connection, path: Path) -> int:
@@ -90,17 +108,36 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
     return int(version)
 
 
+def schema_of(db: sqlite3.Connection) -> list[str]:
+    """The statements that a database says it was made with."""
+    rows = db.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY sql")
+    return [str(sql) for (sql,) in rows]
+
+
 def migrate(db: sqlite3.Connection, path: Path) -> None:
     """Bring the schema up to date, inside the caller's write transaction.
 
     Raises:
         StoreError: as `schema_version`.
+        sqlite3.DatabaseError: an older store is damaged; nothing is built on that.
     """
     version = schema_version(db, path)
     if version == len(MIGRATIONS):
         return
+    _prepare(db, version)
     for migration in MIGRATIONS[version:]:
         for statement in migration.statements:
             db.execute(statement)
     db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     db.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")
+
+
+def _prepare(db: sqlite3.Connection, version: int) -> None:
+    """What the statements need: an old store that is whole, and functions that seal its rows."""
+    from actioncli.store.record import seal
+
+    (found,) = db.execute("PRAGMA integrity_check(1)").fetchone() if version else ("ok",)
+    if found != "ok":
+        raise sqlite3.DatabaseError(found)
+    db.create_function("seal", 7, seal)
+    db.create_function("setting_crc", 2, setting_crc)

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +75,7 @@ class Record:
         )
 
     @classmethod
-    def from_row(cls, row: tuple[Any, ...]) -> Record:
+    def from_row(cls, row: Sequence[Any]) -> Record:
         """A row of the columns `COLUMNS`.
 
         Raises:
@@ -111,6 +112,12 @@ class Record:
             == self.checksum
         )
 
+    def seal(self, example: int) -> int:
+        """The seal of this record under the identifier `example`."""
+        return seal(
+            example, self.label, self.negative, self.source, self.note, self.added, self.checksum
+        )
+
     def clip(self) -> Clip:
         """The clip.
 
@@ -135,6 +142,18 @@ OUTLINE = "label, negative, source, note, added, fps, frames, joint_names, check
 COLUMNS = f"{OUTLINE}, joints, confidence"
 
 
+def seal(
+    example: int, label: str, negative: bool, source: str, note: str, added: str, checksum: str
+) -> int:
+    """CRC-32 of what is known of an example beside its content, which has its own checksum.
+
+    Between them they cover every bit of an example that matters, so that one that flipped is
+    noticed. Values that are no text, as damage makes them, are taken as they are.
+    """
+    told = [example, label, int(negative), source, note, added, checksum]
+    return zlib.crc32(json.dumps(told, default=repr).encode())
+
+
 def check_outline(frames: int, names: Sequence[str], source: str) -> None:
     """Refuse what is no clip of an action, or could not be shown.
 
@@ -154,6 +173,27 @@ def check_outline(frames: int, names: Sequence[str], source: str) -> None:
                 f"{what}: the joint name {name[:LONGEST_JOINT_NAME]!a} is empty, too long or not "
                 "printable; rename the joint."
             )
+
+
+def find_flaw(record: Record) -> str | None:
+    """Why a record is not what enrolling the same clip would have stored; None where it is.
+
+    Raises:
+        ActionCliError: its label is not allowed, or its content is no valid clip.
+    """
+    check_outline(record.frames, record.joint_names, "")
+    if not record.intact():
+        return "its content is damaged (the checksum differs)."
+    # Equal to what the store itself makes of it: label, source and note are clean, names
+    # printable, the clip valid.
+    again = Record.from_clip(record.label, record.clip(), record.note, record.negative)
+    if replace(again, added=record.added) != record:
+        return "its label, note or source is not as the store would write it."
+    try:
+        time = datetime.fromisoformat(record.added).strftime(TIME_FORMAT)
+    except ValueError:
+        time = ""
+    return None if time == record.added else "its time is not as the store would write it."
 
 
 def _content_checksum(

@@ -9,7 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
-from actioncli.store.cache import damaged_embeddings, keep_embeddings, read_embeddings
+from actioncli.store.cache import (
+    damaged_embeddings,
+    keep_embeddings,
+    read_embeddings,
+    rename_embeddings,
+)
 from actioncli.store.database import reading, writing
 from actioncli.store.examples import (
     Enrolled,
@@ -18,9 +23,11 @@ from actioncli.store.examples import (
     known,
     read_outlines,
     read_record,
+    rename_examples,
     require,
 )
 from actioncli.store.location import exists, folder_open_to_others, open_to_others, store_path
+from actioncli.store.migrations import setting_crc
 from actioncli.store.names import check_label
 
 if TYPE_CHECKING:
@@ -29,6 +36,7 @@ if TYPE_CHECKING:
 
     from actioncli.clips.clip import Clip
     from actioncli.store.record import Record
+    from actioncli.store.repair import Repair
 
 __all__ = ["Action", "Enrolled", "Example", "SupportStore"]
 
@@ -212,7 +220,7 @@ class SupportStore:
             for example, record in missing.items()
         }
         if fresh:
-            keep_embeddings(self.path, weights_checksum, fresh)
+            keep_embeddings(self.path, weights_checksum, negative, labels, fresh)
         by_label: dict[str, list[NDArray[np.float32]]] = {}
         for example, label in labels.items():
             embedding = found[example] if example in found else fresh[example]
@@ -255,14 +263,21 @@ class SupportStore:
                 raise UsageError(
                     f"`{new}` is enrolled already; remove it first or choose another name."
                 )
-            return db.execute("UPDATE examples SET label = ? WHERE label = ?", (new, old)).rowcount
+            rename_embeddings(db, old, new)
+            return rename_examples(db, self.path, old, new)
 
-    def clear(self) -> int:
-        """Forget all examples; how many there were. Settings stay."""
+    def clear(self, settings: bool = False) -> int:
+        """Forget all examples; how many there were.
+
+        Args:
+            settings: forget the settings too; else they stay.
+        """
         with reading(self.path) as db:
             if db is None:
                 return 0
         with writing(self.path) as db:
+            if settings:
+                db.execute("DELETE FROM settings")
             return db.execute("DELETE FROM examples").rowcount
 
     def export(self, path: str | Path) -> int:
@@ -310,18 +325,43 @@ class SupportStore:
         return sum(outcomes), len(outcomes) - sum(outcomes)
 
     def setting(self, name: str) -> str | None:
-        """A value that was set before, or None."""
+        """A value that was set before, or None.
+
+        Raises:
+            StoreError: it is not what was set.
+        """
         with reading(self.path) as db:
-            row = db and db.execute("SELECT value FROM settings WHERE name = ?", (name,)).fetchone()
-            return str(row[0]) if row else None
+            row = (
+                db
+                and db.execute("SELECT value, crc FROM settings WHERE name = ?", (name,)).fetchone()
+            )
+        if not row:
+            return None
+        value, crc = row
+        if not isinstance(value, str) or setting_crc(name, value) != crc:
+            raise StoreError(
+                f"{self.path}: the calibrated {name} is damaged; `actioncli calibrate --reset` "
+                "forgets it."
+            )
+        return value
 
     def set_setting(self, name: str, value: str | None) -> None:
-        """Remember a value; None forgets it."""
+        """Remember a value; None forgets it, if there is one."""
+        if value is None:
+            with reading(self.path) as db:
+                if (
+                    not db
+                    or not db.execute("SELECT 1 FROM settings WHERE name = ?", (name,)).fetchone()
+                ):
+                    return  # forgetting must not create a store
         with writing(self.path) as db:
             if value is None:
                 db.execute("DELETE FROM settings WHERE name = ?", (name,))
             else:
-                db.execute("INSERT OR REPLACE INTO settings VALUES (?, ?)", (name, value))
+                db.execute(
+                    "INSERT OR REPLACE INTO settings (name, value, crc) VALUES (?, ?, ?)",
+                    (name, value, setting_crc(name, value)),
+                )
 
     def check(self) -> list[str]:
         """What is wrong with the store, a line for each problem; empty where all is well.
@@ -337,12 +377,33 @@ class SupportStore:
                 problems.append(f"{self.path} is open to other users: chmod 600 it.")
             if folder_open_to_others(self.path):
                 problems.append(f"Other users may replace {self.path}: chmod 700 its folder.")
+        except StoreError as error:
+            return [str(error)]
+        return problems + self.damage()
+
+    def damage(self) -> list[str]:
+        """What is wrong with the content of the store, a line for each problem."""
+        problems: list[str] = []
+        try:
             with reading(self.path) as db:
                 if db is not None:
                     problems.extend(self._damage(db))
         except StoreError as error:
             problems.append(str(error))
         return problems
+
+    def repair(self) -> Repair | None:
+        """Put a whole store, with what a damaged one still holds, in its place.
+
+        The damaged file is kept beside it. None, and nothing done, where nothing is damaged.
+
+        Raises:
+            StoreError: another process uses the store, nothing of a support set is in it, it is
+                one of a newer release, or there is no room for a second one.
+        """
+        from actioncli.store.repair import repair
+
+        return repair(self.path, lambda path: SupportStore(path).damage())
 
     def _damage(self, db: sqlite3.Connection) -> Iterator[str]:
         for (message,) in db.execute("PRAGMA integrity_check"):
@@ -356,6 +417,9 @@ class SupportStore:
                 read_record(db, self.path, example)
             except StoreError as error:
                 yield str(error)
+        for name, value, crc in db.execute("SELECT name, value, crc FROM settings"):
+            if not isinstance(value, str) or setting_crc(name, value) != crc:
+                yield f"{self.path}: the calibrated {name} is damaged; it is not used."
         for example in damaged_embeddings(db):
             yield f"{self.path}: the embedding of example {example} is damaged; it is not used."
 

@@ -15,6 +15,7 @@ import pytest
 from storing import make_clip, same
 
 from actioncli.errors import ClipError, StoreError, SupportError, UsageError
+from actioncli.store.record import seal
 from actioncli.store.store import Action, Enrolled, SupportStore
 
 ASK = """
@@ -200,7 +201,7 @@ def test_damage_of_one_example_names_it_and_it_can_be_removed(store: SupportStor
         db.commit()
     assert store.check()[0].startswith(f"{store.path}: example 1 of 'wave' is damaged")
     for ask in (store.support, lambda: store.clip(1)):
-        with pytest.raises(StoreError, match="remove LABEL --example 1"):
+        with pytest.raises(StoreError, match="doctor --repair"):
             ask()
     assert len(store.actions()) == 2
     store.remove("wave", 1)
@@ -247,8 +248,13 @@ def test_the_clock_may_jump(store: SupportStore, tmp_path: Path) -> None:
     """Order is that of enrolment, whatever the clock said."""
     store.enroll_all(("wave", make_clip(seed)) for seed in range(3))
     with closing(sqlite3.connect(store.path)) as db:
-        db.execute("UPDATE examples SET added = '2099-01-01T00:00:00Z' WHERE id = 1")
-        db.execute("UPDATE examples SET added = '1970-01-01T00:00:00Z' WHERE id = 3")
+        db.create_function("seal", 7, seal)
+        for example, added in ((1, "2099-01-01T00:00:00Z"), (3, "1970-01-01T00:00:00Z")):
+            db.execute(
+                "UPDATE examples SET added = ?1, "
+                "seal = seal(id, label, negative, source, note, ?1, checksum) WHERE id = ?2",
+                (added, example),
+            )
         db.commit()
     assert [example.id for example in store.examples()] == [1, 2, 3]
     assert store.actions()[0].last_added == "2099-01-01T00:00:00Z"
