@@ -87,5 +87,5 @@ def kept_threshold(store: SupportStore) -> Threshold | None:
 
 def _checked(tau: Any) -> float:
     if not 0 <= float(tau) <= 1:
-        raise ValueError(f"{tau} is no threshold")
+        raise ValueError
     return float(tau)

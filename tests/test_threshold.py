@@ -35,6 +35,12 @@ def test_it_is_kept_replaced_and_forgotten(store: SupportStore) -> None:
     assert kept_threshold(store) is None
 
 
+@pytest.mark.parametrize("tau", [0.0, 1.0])
+def test_the_extremes_are_thresholds(store: SupportStore, tau: float) -> None:
+    keep_threshold(store, Threshold(tau, "abc", {"wave": tau}))
+    assert kept_threshold(store) == Threshold(tau, "abc", {"wave": tau})
+
+
 def test_forgetting_creates_no_store(store: SupportStore) -> None:
     keep_threshold(store, None)
     assert not store.path.exists()
@@ -55,7 +61,7 @@ def test_forgetting_creates_no_store(store: SupportStore) -> None:
 )
 def test_a_damaged_one_is_told_and_can_be_forgotten(store: SupportStore, text: str) -> None:
     store.set_setting("threshold", text)
-    with pytest.raises(StoreError, match="calibrate --reset"):
+    with pytest.raises(StoreError, match=r"damaged; `actioncli calibrate --reset` forgets it\.$"):
         kept_threshold(store)
     keep_threshold(store, None)
     assert kept_threshold(store) is None

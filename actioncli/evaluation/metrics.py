@@ -39,8 +39,7 @@ def fsos_accuracy(
         unknown_score: (M,) scores of the unknown queries.
         tau: accept means score > tau.
     """
-    known = np.asarray(known_score, np.float64)
-    unknown = np.asarray(unknown_score, np.float64)
+    known, unknown = np.asarray(known_score), np.asarray(unknown_score)
     right = np.count_nonzero((known > tau) & np.asarray(correct, bool))
     right += np.count_nonzero(unknown <= tau)
     return float(right / (known.size + unknown.size))
@@ -125,21 +124,14 @@ def reliability(score: ArrayLike, hit: ArrayLike, bins: int = 10) -> Reliability
     """
     scores = _of_some(score, "scored")
     column = np.minimum((scores * bins).astype(np.intp), bins - 1)
-    return Reliability(
-        count=np.bincount(column, minlength=bins).astype(np.float64),
-        confidence=_summed(column, scores, bins),
-        hits=_summed(column, np.asarray(hit, np.float64), bins),
-    )
+    summands = (np.ones_like(scores), scores, hit)
+    return Reliability(*(np.bincount(column, weights, minlength=bins) for weights in summands))
 
 
 def pooled(parts: list[Reliability]) -> Reliability:
     """One table of several, each with the same weight whatever its number of queries."""
-    weights = [1.0 / part.count.sum() for part in parts]
-    return Reliability(
-        count=np.sum([w * p.count for w, p in zip(weights, parts, strict=True)], axis=0),
-        confidence=np.sum([w * p.confidence for w, p in zip(weights, parts, strict=True)], axis=0),
-        hits=np.sum([w * p.hits for w, p in zip(weights, parts, strict=True)], axis=0),
-    )
+    tables = np.array([(part.count, part.confidence, part.hits) for part in parts])
+    return Reliability(*np.sum(tables / tables[:, :1].sum(axis=2, keepdims=True), axis=0))
 
 
 def _share_outscored(known_score: ArrayLike, unknown_score: ArrayLike) -> Floats:
@@ -149,10 +141,6 @@ def _share_outscored(known_score: ArrayLike, unknown_score: ArrayLike) -> Floats
     below = np.searchsorted(unknown, known, side="left")
     not_above = np.searchsorted(unknown, known, side="right")
     return (below + not_above) / (2.0 * unknown.size)
-
-
-def _summed(column: NDArray[np.intp], values: Floats, bins: int) -> Floats:
-    return np.bincount(column, weights=values, minlength=bins).astype(np.float64)
 
 
 def _of_some(values: ArrayLike, what: str) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -151,14 +152,42 @@ def test_calibration_error_of_calibrated_and_of_overconfident_scores() -> None:
     assert metrics.reliability(np.ones(1000), hit).ece == pytest.approx(0.25)
 
 
+def test_confidences_are_sorted_into_equal_bins() -> None:
+    table = metrics.reliability([0.0, 0.25, 0.8, 1.0], [False, True, True, True], bins=4)
+    assert table.count.tolist() == [1, 1, 0, 2]
+    assert table.confidence.tolist() == [0, 0.25, 0, 1.8]
+    assert table.hits.tolist() == [0, 1, 0, 2]
+    assert metrics.reliability([0.05], [True]).count.tolist() == [1] + [0] * 9
+
+
 def test_pooling_weighs_tables_alike() -> None:
     exact = metrics.reliability([1.0] * 100, [True] * 100)
-    wrong = metrics.reliability([1.0], [False])
-    assert metrics.pooled([exact, wrong]).ece == pytest.approx(0.5)
+    wrong = metrics.reliability([0.75, 0.25], [False, True], bins=10)
+    both = metrics.pooled([exact, wrong])
+    assert both.count.tolist() == [0, 0, 0.5, 0, 0, 0, 0, 0.5, 0, 1]
+    assert both.confidence.tolist() == [0, 0, 0.125, 0, 0, 0, 0, 0.375, 0, 1]
+    assert both.hits.tolist() == [0, 0, 0.5, 0, 0, 0, 0, 0, 0, 1]
+    assert both.ece == pytest.approx((0.375 + 0.375) / 2)
 
 
-def test_nothing_to_measure_is_an_error() -> None:
-    with pytest.raises(ValueError, match="no unknown queries"):
-        metrics.auroc([0.5], [])
-    with pytest.raises(ValueError, match="no known queries"):
-        metrics.closed_set_accuracy([])
+@pytest.mark.parametrize(
+    ("measure", "what"),
+    [
+        (lambda: metrics.closed_set_accuracy([]), "known"),
+        (lambda: metrics.auroc([], [0.5]), "known"),
+        (lambda: metrics.auroc([0.5], []), "unknown"),
+        (lambda: metrics.oscr([0.5], [True], []), "unknown"),
+        (lambda: metrics.fpr_at_tpr([], [0.5]), "known"),
+        (lambda: metrics.fpr_at_tpr([0.5], []), "unknown"),
+        (lambda: metrics.false_accept_rate([], 0.5), "unknown"),
+        (lambda: metrics.false_reject_rate([], 0.5), "known"),
+        (lambda: metrics.reliability([], []), "scored"),
+    ],
+)
+def test_nothing_to_measure_is_an_error(measure: Callable[[], object], what: str) -> None:
+    with pytest.raises(ValueError, match=f"^no {what} queries to measure$"):
+        measure()
+
+
+def test_lists_of_whole_numbers_are_scores_too() -> None:
+    assert metrics.fsos_accuracy([1, 0], [1, 1], [0, 1], 0.5) == 0.5
