@@ -185,23 +185,65 @@ class Recognizer:
         Raises:
             SupportError: no action, or an action without examples.
         """
-        parts: list[Clip] = []
-        if isinstance(clip, Clip):
-            parts = [clip, *windows(clip, _durations(support) if durations is None else durations)]
-        query = self.embed(parts) if parts else np.asarray(clip)[None]
+        clips = [clip] if isinstance(clip, Clip) else np.asarray(clip)[None]
+        return self.classify_all(clips, support, tau, negatives, durations)[0]
+
+    def classify_all(
+        self,
+        clips: Sequence[Clip] | FloatArray,
+        support: Mapping[str, Sequence[Clip] | FloatArray],
+        tau: float = DEFAULT_TAU,
+        negatives: Sequence[Clip] | FloatArray | None = None,
+        durations: Iterable[float] | None = None,
+    ) -> list[Decision]:
+        """`classify` for each of many clips; together they take a fraction of the time.
+
+        Args:
+            clips: N queries, or their embeddings (N, F, E); the rest is as in `classify`.
+
+        Returns:
+            N decisions.
+
+        Raises:
+            ClipError: a clip lacks joints that the model reads.
+            SupportError: no action, or an action without examples.
+        """
+        parts: list[list[Clip]] = [[]] * len(clips)
+        if isinstance(clips, np.ndarray):
+            query = clips
+        else:
+            lasting = tuple(_durations(support) if durations is None else durations)
+            parts = [[clip, *windows(clip, lasting)] for clip in clips]
+            query = self.embed([part for of_clip in parts for part in of_clip])
+        comparison = self.compare(query, support)
+        decisions, end = [], 0
+        for of_clip in parts:
+            start, end = end, end + max(len(of_clip), 1)
+            rows = replace(
+                comparison,
+                distance=comparison.distance[start:end],
+                confidence=comparison.confidence[start:end],
+                probability=comparison.probability[start:end],
+            )
+            decisions.append(self._decide(of_clip, query[start:end], rows, tau, negatives))
+        return decisions
+
+    def _decide(
+        self,
+        parts: Sequence[Clip],
+        query: FloatArray,
+        comparison: Comparison,
+        tau: float,
+        negatives: Sequence[Clip] | FloatArray | None,
+    ) -> Decision:
+        """What the comparison of one clip, in its first row, and of its windows shows."""
         odds = odds_factor(max(len(parts) - 1, 1))
-        comparison = self._less_likely(self.compare(query, support), odds)
+        comparison = self._less_likely(comparison, odds)
         row, negative = self._surest(query, comparison, negatives, odds, tau)
         order = np.argsort(comparison.distance[row], kind="stable")
-        ranking = tuple(
-            Ranked(
-                str(comparison.labels[k]),
-                float(comparison.distance[row, k]),
-                float(comparison.probability[row, k]),
-                float(comparison.confidence[row, k]),
-            )
-            for k in order
-        )
+        measured = (comparison.distance, comparison.probability, comparison.confidence)
+        columns = [values[row, order].tolist() for values in measured]
+        ranking = tuple(map(Ranked, comparison.labels[order].tolist(), *columns))
         nearest = ranking[0]
         notes = parts[row].notes if parts else ()
         part = (parts[row].start, parts[row].start + parts[row].duration) if parts else None
