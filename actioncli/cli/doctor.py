@@ -9,13 +9,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actioncli._version import __version__
 from actioncli.cli.common import Settings, WeightsOption, command
-from actioncli.cli.output import note, plural, say, table, write_json
+from actioncli.cli.output import note, plural, printable, say, table, write_json
 from actioncli.errors import ActionCliError, StoreError, WeightsError
+
+if TYPE_CHECKING:
+    from actioncli.store.repair import Repair
 
 # Module, the package that brings it, what it is for.
 _NEEDED = (
@@ -52,24 +56,39 @@ class Check:
 
 
 @command
-def doctor(settings: Settings, weights: WeightsOption = None) -> None:
+def doctor(
+    settings: Settings,
+    weights: WeightsOption = None,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Salvage what a damaged support set still holds.")
+    ] = False,
+) -> None:
     """Check this installation and the support set.
 
     Versions, weights, shipped files and the support set are looked at, and what is missing told.
 
+    With --repair, what a damaged support set still holds is put into a new file in its place; the
+    damaged one is kept beside it, and what is gone is told. Every recording that comes back is,
+    bit for bit, the one that was enrolled. JSON then has `repair`, null where nothing was damaged.
+
     The exit code is 0 if nothing is wrong, 6 for the weights, 5 for the support set and 70 for
-    an incomplete installation. Optional parts that are missing are no error.
+    an incomplete installation. Optional parts that are missing are no error, nor is a support set
+    that could be repaired.
 
     \b
     Examples:
       actioncli doctor
       actioncli doctor --json
+      actioncli doctor --repair
 
     \b
     JSON keys:
-      ok, checks
+      ok, checks, repair
       checks[]: name, status, detail
+      repair: kept, salvaged, doubtful, gone, settings_gone, complete
+      repair.gone[]: id, label, why
     """
+    repaired = _repair(settings) if repair else None
     checks = [
         Check("actioncli", "ok", __version__),
         Check("python", "ok", f"{platform.python_version()} on {platform.platform()}"),
@@ -80,15 +99,16 @@ def doctor(settings: Settings, weights: WeightsOption = None) -> None:
     ]
     problems = [check for check in checks if check.status == "problem"]
     if settings.json:
-        write_json(
-            {
-                "ok": not problems,
-                "checks": [
-                    {"name": check.name, "status": check.status, "detail": check.detail}
-                    for check in checks
-                ],
-            }
-        )
+        document: dict[str, object] = {
+            "ok": not problems,
+            "checks": [
+                {"name": check.name, "status": check.status, "detail": check.detail}
+                for check in checks
+            ],
+        }
+        if repair:
+            document["repair"] = None if repaired is None else _report(repaired)
+        write_json(document)
     else:
         shown = problems if settings.quiet else checks
         if shown:
@@ -98,6 +118,42 @@ def doctor(settings: Settings, weights: WeightsOption = None) -> None:
         # Without weights nothing works at all, so they come first.
         codes = [check.exit_code for check in problems]
         raise typer.Exit(WeightsError.exit_code if WeightsError.exit_code in codes else codes[0])
+
+
+def _repair(settings: Settings) -> Repair | None:
+    """Repair the support set and say what became of it."""
+    with settings.open_store() as store:
+        done = store.repair()
+    if settings.json:
+        return done
+    if done is None:
+        settings.tell("The support set is not damaged; nothing was repaired.")
+        return None
+    say(
+        f"support set: {plural(len(done.labels), 'example')} salvaged; the damaged file is kept as "
+        f"{printable(done.kept)}"
+    )
+    for each in done.gone:
+        say(f"gone: example {each.id} of {printable(each.label)}: {each.why}")
+    for name in done.settings_gone:
+        say(f"gone: the calibrated {printable(name)}; `actioncli calibrate` finds it again")
+    for example in done.doubtful:
+        label = printable(done.labels[example])
+        say(f"changed: note, source or date of example {example} of {label}; its recording is not")
+    if not done.complete:
+        say("Whether more is gone cannot be told: the list of examples was damaged too.")
+    return done
+
+
+def _report(repaired: Repair) -> dict[str, object]:
+    return {
+        "kept": str(repaired.kept),
+        "salvaged": len(repaired.labels),
+        "doubtful": list(repaired.doubtful),
+        "gone": [{"id": each.id, "label": each.label, "why": each.why} for each in repaired.gone],
+        "settings_gone": list(repaired.settings_gone),
+        "complete": repaired.complete,
+    }
 
 
 def _packages() -> Iterator[Check]:

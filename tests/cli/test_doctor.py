@@ -5,7 +5,7 @@ from pathlib import Path
 
 from actioncli import SupportStore, __version__
 
-from .conftest import Invoke
+from .conftest import ACTIONS, EXAMPLES, Invoke
 
 
 def test_a_whole_installation(invoke: Invoke, filled: SupportStore) -> None:
@@ -47,3 +47,65 @@ def test_problems_have_the_codes_of_their_errors(
         assert result.stderr.startswith("error: ")
         # Everything else is still looked at.
         assert len(told["checks"]) > 10
+
+
+def damage(store: SupportStore, example: int) -> None:
+    """Flip a bit of an example's recording."""
+    joints = store.clip(example).joints.astype("<f4").tobytes()
+    content = bytearray(store.path.read_bytes())
+    content[content.index(joints[-64:])] ^= 1
+    store.path.write_bytes(content)
+
+
+def test_damage_is_told_with_the_way_out(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    damage(filled, 3)
+    told = json.loads(invoke("doctor", "--json").stdout)
+    assert [
+        check["detail"].endswith("`actioncli doctor --repair` sets it aside; then enrol it again.")
+        for check in told["checks"]
+        if check["status"] == "problem"
+    ] == [True]
+    assert "repair" not in told
+    for words in (["classify", EXAMPLES / "bow"], ["export", tmp_path / "out"], ["show", "bow"]):
+        result = invoke(*words)
+        assert result.exit_code == 5
+        assert "example 3 of 'bow' is damaged" in result.stderr
+        assert "doctor --repair" in result.stderr
+    # Where no page can be read, likewise.
+    filled.path.write_bytes(filled.path.read_bytes()[:5000])
+    for words in (["list-support"], ["enroll", "bow", EXAMPLES / "bow"], ["remove", "bow", "-y"]):
+        result = invoke(*words)
+        assert result.exit_code == 5
+        assert "doctor --repair" in result.stderr
+
+
+def test_repair_tells_what_is_gone(invoke: Invoke, filled: SupportStore) -> None:
+    clips = {label: filled.support()[label][0] for label in ACTIONS}
+    damage(filled, 3)
+    result = invoke("doctor", "--repair")
+    kept = filled.path.with_name("support.db.damaged")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines()[:2] == [
+        f"support set: 4 examples salvaged; the damaged file is kept as {kept}",
+        "gone: example 3 of bow: its recording is damaged",
+    ]
+    assert sorted(filled.support()) == sorted(clips.keys() - {"bow"})
+    assert [action.label for action in filled.actions()] == sorted(clips.keys() - {"bow"})
+    again = json.loads(invoke("doctor", "--repair", "--json").stdout)
+    assert again["repair"] is None
+    assert again["ok"]
+    assert "not damaged" in invoke("doctor", "--repair").stderr
+    filled.enroll("bow", clips["bow"])
+    assert filled.check() == []
+
+
+def test_what_is_no_support_set_is_not_repaired(invoke: Invoke, tmp_path: Path) -> None:
+    file = tmp_path / "thesis.txt"
+    file.write_text("mine" * 5000)
+    result = invoke("doctor", "--repair", "--store", file)
+    assert result.exit_code == 5
+    assert "nothing of a support set was found" in result.stderr
+    assert file.read_text() == "mine" * 5000
+    assert [each.name for each in tmp_path.iterdir()] == ["thesis.txt"]

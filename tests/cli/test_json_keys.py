@@ -22,7 +22,7 @@ CALLS: dict[str, list[list[str]]] = {
     "import": [["FILE"]],
     "remove": [["bow", "--yes"]],
     "clear": [["--yes"]],
-    "doctor": [[]],
+    "doctor": [[], ["--repair"]],
 }
 
 
@@ -55,6 +55,10 @@ def test_keys_are_the_documented_ones(
     file = tmp_path / "actions.safetensors"
     if command == "import":
         filled.export(file)
+    if command == "doctor":
+        content = bytearray(filled.path.read_bytes())
+        content[len(content) // 2] ^= 1
+        filled.path.write_bytes(content)
     keys: dict[str, set[str]] = {}
     for call in CALLS[command]:
         words = [str(file) if word == "FILE" else word for word in call]
