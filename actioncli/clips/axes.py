@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.layouts import default_columns
+from actioncli.clips.layouts import default_columns, midpoints
 from actioncli.errors import AmbiguousClipError
 
 # Metres per unit.
@@ -107,12 +109,13 @@ def body_size(positions: FloatArray, names: tuple[str, ...]) -> float | None:
         give no bone.
     """
     columns = default_columns(names)
-    ratios = [
-        float(np.median(_distance(positions, columns[one], columns[other]))) / length
-        for (one, other), length in _BONES.items()
-        if one in columns and other in columns
-    ]
-    return float(np.median(ratios)) if ratios else None
+    known = [bone for bone in _BONES if bone[0] in columns and bone[1] in columns]
+    if not known:
+        return None
+    ends = midpoints(positions, [columns[joint] for bone in known for joint in bone])
+    bones = ends[:, ::2] - ends[:, 1::2]
+    sizes = _median(np.sqrt((bones * bones).sum(axis=2)))
+    return float(_median(sizes / np.array([_BONES[bone] for bone in known])))
 
 
 def infer_unit(size: float | None, where: str) -> str:
@@ -210,14 +213,15 @@ def _upright_shares(positions: FloatArray, names: tuple[str, ...]) -> dict[str, 
     low = low or [columns["pelv"]] if "pelv" in columns else low
     if "head" not in columns or not low:
         return {}
-    feet = np.mean([positions[:, list(pair)].mean(axis=1) for pair in low], axis=0)
-    line = positions[:, list(columns["head"])].mean(axis=1) - feet
-    length = np.linalg.norm(line, axis=1, keepdims=True)
+    ends = midpoints(positions, [columns["head"], *low])
+    line = ends[:, 0] - ends[:, 1:].sum(axis=1) / len(low)
+    length = np.sqrt((line * line).sum(axis=1, keepdims=True))
     cosine = line / np.where(length > 0, length, 1)
+    counts = [(sign * cosine > _UPRIGHT).sum(axis=0).tolist() for sign in (1, -1)]
     return {
-        ("-" if sign < 0 else "") + axis: float((sign * cosine[:, at] > _UPRIGHT).mean())
+        sign + axis: count[at] / len(positions)
         for at, axis in enumerate("xyz")
-        for sign in (1, -1)
+        for sign, count in zip(("", "-"), counts, strict=True)
     }
 
 
@@ -235,6 +239,7 @@ def _may_lie(positions: FloatArray, metres: float) -> bool:
     return bool(before_a_sensor or on_a_floor)
 
 
-def _distance(positions: FloatArray, one: tuple[int, ...], other: tuple[int, ...]) -> FloatArray:
-    line = positions[:, list(one)].mean(axis=1) - positions[:, list(other)].mean(axis=1)
-    return np.asarray(np.linalg.norm(line, axis=1), dtype=np.float32)
+def _median(values: NDArray[Any]) -> NDArray[Any]:
+    """Along the first axis. numpy's own takes longer than all else here: it looks for NaN."""
+    ordered, half = np.sort(values, axis=0), len(values) // 2
+    return np.asarray((ordered[half] + ordered[~half]) / 2)

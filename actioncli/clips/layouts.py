@@ -14,8 +14,6 @@ from functools import lru_cache
 from itertools import takewhile
 from types import MappingProxyType
 
-import numpy as np
-
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import ClipError
 
@@ -166,7 +164,17 @@ def select_joints(
             f"{', '.join(names)}. If the file names its joints wrongly, give --layout "
             f"({', '.join(LAYOUTS)})."
         )
-    return np.stack([joints[:, list(column), :].mean(axis=1) for column in columns], axis=1)
+    return midpoints(joints, columns)
+
+
+def midpoints(joints: FloatArray, columns: Sequence[tuple[int, ...]]) -> FloatArray:
+    """The mean of each group of columns: (T, J, 3) to (T, K, 3)."""
+    # Most groups are one column: all are taken at once, and the few others follow.
+    means = joints[:, [group[0] for group in columns]]
+    for at, group in enumerate(columns):
+        if len(group) > 1:
+            means[:, at] = joints[:, list(group)].mean(axis=1)
+    return means
 
 
 @lru_cache(maxsize=64)
