@@ -47,6 +47,11 @@ class Kept:
     end: float
     source: str
 
+    @property
+    def origin(self) -> str:
+        """Which part of which stream it was, for people."""
+        return f"{self.source} {self.start:.1f} s to {self.end:.1f} s"
+
     def clip(self) -> Clip:
         """Read the clip.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +12,7 @@ import typer
 
 from actioncli.cli.common import Settings, command
 from actioncli.cli.output import note, number, plural, printable, say, write_json
+from actioncli.cli.studio import OpenOption, PortOption, review_page
 from actioncli.cli.support import draw
 from actioncli.errors import ClipError, UsageError
 from actioncli.store.names import NEGATIVES
@@ -27,6 +28,11 @@ _KEYS = "e enrol, o enrol as another action, n negative, d delete, s skip, q qui
 def review(
     settings: Settings,
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What `watch --record` filled.")],
+    page: Annotated[
+        bool, typer.Option("--page", help="Walk through them on a page in the browser.")
+    ] = False,
+    port: PortOption = 0,
+    open_page: OpenOption = True,
 ) -> None:
     """Look through what watch recorded, and enrol it.
 
@@ -40,16 +46,29 @@ def review(
     n  enrol as a negative: what looks like this must never be accepted
     d  delete            s  skip            q  quit
 
+    With --page, the clips play on a page that is served on this machine alone, to who has the
+    token in its address; the same keys decide, or buttons. Ctrl-C ends it. It needs the extra:
+    pip install 'actioncli[studio]'.
+
     \b
     Examples:
       actioncli review seen          (after: actioncli watch 0 --record seen)
+      actioncli review seen --page
       actioncli review seen --json
 
     \b
     JSON keys:
       clips
       clips[]: file, label, confidence, tau, event, start, end, source
+    With --page: address
     """
+    if page:
+        counted = review_page(settings, folder, port, open_page)
+        if not settings.json:
+            _tell(counted)
+        return
+    if port or not open_page:
+        raise UsageError("--port and --no-open belong to --page.")
     from actioncli.recorder import kept_clips
 
     waiting = kept_clips(folder)
@@ -63,11 +82,16 @@ def review(
         raise UsageError("nobody can be asked here; --json lists what waits.")
     with settings.open_store() as store:
         done = _walk(settings, store, waiting)
-    told = [plural(done[key], "clip") + f" {word}" for key, word in _TOLD.items() if done[key]]
+    _tell(done)
+
+
+_TOLD = {"enroll": "enrolled", "negative": "enrolled as negatives", "delete": "deleted"}
+_OF_KEY = {"e": "enroll", "n": "negative", "d": "delete"}
+
+
+def _tell(done: Mapping[str, int]) -> None:
+    told = [plural(done[each], "clip") + f" {word}" for each, word in _TOLD.items() if done[each]]
     say(", ".join(told) if told else "nothing was changed")
-
-
-_TOLD = {"e": "enrolled", "n": "enrolled as negatives", "d": "deleted"}
 
 
 def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> dict[str, int]:
@@ -83,8 +107,7 @@ def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> d
         say()
         say(
             f"{place} of {len(waiting)}: {what}, {printable(kept.label)}, confidence "
-            f"{kept.confidence:.2f}, tau {kept.tau:.2f}, {printable(kept.source)} "
-            f"{kept.start:.1f} s to {kept.end:.1f} s"
+            f"{kept.confidence:.2f}, tau {kept.tau:.2f}, {printable(kept.origin)}"
         )
         draw(clip)
         key = _pressed()
@@ -97,13 +120,12 @@ def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> d
             label, key = typer.prompt("Name of the action", err=True).strip(), "e"
         if key in "en":
             try:
-                origin = f"{kept.source} {kept.start:.1f} s to {kept.end:.1f} s"
-                store.enroll(NEGATIVES if key == "n" else label, clip, origin, key == "n")
+                store.enroll(NEGATIVES if key == "n" else label, clip, kept.origin, key == "n")
             except UsageError as refused:
                 note(f"error: {printable(str(refused))}")
                 continue
         kept.forget()
-        done[key] += 1
+        done[_OF_KEY[key]] += 1
         if key == "e":
             settings.tell(f"enrolled as {printable(label)}")
     return done

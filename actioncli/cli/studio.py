@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,8 +17,7 @@ from actioncli.cli.output import note, say
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
+    from actioncli.studio.scratch import Scratch
     from actioncli.studio.server import Server
 
 PortOption = Annotated[
@@ -50,19 +53,36 @@ def studio(settings: Settings, port: PortOption = 0, open_page: OpenOption = Tru
     """
     check_extra()
     from actioncli.studio.app import Studio
-    from actioncli.studio.server import Server
     from actioncli.studio.support import SupportSet
 
     support = SupportSet(settings.store)
     support.state()  # a store that cannot be read is told here, not on the page
-    server = Server(port)
-    behind = Studio(support)
-    try:
-        tell_address(settings, server, behind.scratch.folder if open_page else None)
+    with _served(settings, port, open_page) as (server, scratch):
+        behind = Studio(support, scratch)
+        try:
+            server.run(behind.app())
+        finally:
+            behind.close()
+
+
+def review_page(settings: Settings, folder: Path, port: int, open_page: bool) -> Counter[str]:
+    """Serve the page of `review` until it is ended; how many clips had which decision.
+
+    Raises:
+        UsageError: the extra is missing, or there is no such folder.
+        StoreError, WeightsError: the support set or the weights cannot be used.
+    """
+    check_extra()
+    from actioncli.recorder import kept_clips
+    from actioncli.studio.review import Review
+    from actioncli.studio.support import SupportSet
+
+    kept_clips(folder)
+    behind = Review(SupportSet(settings.store), folder)
+    behind.support.state()
+    with _served(settings, port, open_page) as (server, _):
         server.run(behind.app())
-    finally:
-        behind.close()
-        server.close()
+    return behind.done
 
 
 def check_extra() -> None:
@@ -76,16 +96,25 @@ def check_extra() -> None:
             raise UsageError(f"the page needs {module}: pip install 'actioncli[studio]'.")
 
 
-def tell_address(settings: Settings, server: Server, folder: Path | None) -> None:
-    """Print the address, on a line of its own, and open it.
+@contextlib.contextmanager
+def _served(settings: Settings, port: int, open_page: bool) -> Iterator[tuple[Server, Scratch]]:
+    """A server whose address has been told, on a line of its own, and a private folder."""
+    from actioncli.studio.scratch import Scratch
+    from actioncli.studio.server import Server
 
-    Args:
-        folder: private one, for opening; None leaves it to the user.
-    """
-    if settings.json:
-        say(json.dumps({"address": server.address}))
-    else:
-        say(server.address)
-        settings.tell("Ctrl-C ends it.")
-    if folder is not None and not server.open(folder):
-        note("note: no browser was found here; open the address in one.")
+    server = Server(port)
+    try:
+        scratch = Scratch()
+        try:
+            if settings.json:
+                say(json.dumps({"address": server.address}))
+            else:
+                say(server.address)
+                settings.tell("Ctrl-C ends it.")
+            if open_page and not server.open(scratch.folder):
+                note("note: no browser was found here; open the address in one.")
+            yield server, scratch
+        finally:
+            scratch.close()
+    finally:
+        server.close()

@@ -85,10 +85,13 @@ class VideoFile:
             )
         self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         fps = self._capture.get(cv2.CAP_PROP_FPS)
-        self.fps = float(fps) if 0 < fps <= HIGHEST_FPS else USUAL_FPS
+        # A browser's recording has frames that come when they come: 1000 is its clock's rate.
+        clock = fps >= HIGHEST_FPS
+        self.fps = float(fps) if 0 < fps and not clock else USUAL_FPS
         count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        self.announced = int(count) if math.isfinite(count) and count > 0 else 0
-        self.duration = self.announced / self.fps
+        known = math.isfinite(count) and count > 0
+        self.announced = int(count) if known and not clock else 0
+        self.duration = count / fps if known and fps > 0 else 0.0
         self.decoded = 0
         self.ended = False
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
+from actioncli.clips.layouts import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
@@ -22,28 +24,36 @@ from actioncli.studio.scratch import Scratch, receive
 from actioncli.studio.support import SupportSet
 from actioncli.studio.tray import Sent, Tray, check_kind
 
-# Bytes of an upload.
+# Bytes of an upload: minutes of video, where seconds are wanted.
 LARGEST_UPLOAD = 500_000_000
 EXPORT_NAME = "actions.safetensors"
+# What may be said about reading a file; see `read_any`.
+_OPTIONS = {"layout": str, "unit": str, "up": str, "fps": float, "start": float, "end": float,
+            "person": int, "quality": str}  # fmt: skip
 
 
 @dataclass(eq=False)
 class Studio:
-    """Everything behind the page; `close` it when it is no longer served."""
+    """Everything behind the page; `close` it when it is no longer served.
+
+    Attributes:
+        support: what is enrolled.
+        scratch: where uploads lie while they are read.
+        limit: bytes of an upload.
+    """
 
     support: SupportSet
+    scratch: Scratch
     limit: int = LARGEST_UPLOAD
 
     def __post_init__(self) -> None:
         self.tray = Tray(self.support.recognizer)
         self.measurement = Measurement(self.support)
-        self.scratch = Scratch()
 
     def close(self) -> None:
-        """Stop what is going on, and delete what was uploaded."""
+        """Stop what is going on; nothing is written to the private folder any more."""
         self.measurement.close()
         self.tray.close()
-        self.scratch.close()
 
     def app(self) -> Starlette:
         """The page and what it asks for."""
@@ -71,7 +81,8 @@ class Studio:
         version = self.support.version()
         if request.query_params.get("version") == version:
             return JSONResponse({"version": version})
-        return JSONResponse({**self.support.state(), "limit": self.limit})
+        more = {"limit": self.limit, "layouts": list(LAYOUTS)}
+        return JSONResponse({**self.support.state(), **more})
 
     def example_figure(self, request: Request) -> Response:
         """The skeleton of an example."""
@@ -103,8 +114,9 @@ class Studio:
         """Take a file, whose name stands in the address and whose bytes are the body."""
         name = request.query_params.get("name", "")
         suffix = check_kind(name)
+        options = _options(request.query_params)
         path = await receive(request, self.scratch, suffix, self.limit)
-        sent = self.tray.add(path, name, {})
+        sent = self.tray.add(path, name, options)
         return JSONResponse({"id": sent.id, "name": sent.name}, 202)
 
     def clip(self, request: Request) -> Response:
@@ -184,3 +196,14 @@ def _text(asked: dict[str, Any], key: str) -> str:
     if not isinstance(value, str):
         raise UsageError(f"The request lacks `{key}`.")
     return value
+
+
+def _options(given: Mapping[str, str]) -> dict[str, Any]:
+    options = {}
+    for name, kind in _OPTIONS.items():
+        if name in given:
+            try:
+                options[name] = kind(given[name])
+            except ValueError as error:
+                raise UsageError(f"{name} must be a number, not {given[name]!r}.") from error
+    return options

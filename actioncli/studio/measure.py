@@ -89,7 +89,6 @@ class Measurement:
             if self._wanted is loaded:
                 self._found = {
                     "state": "measured",
-                    "version": loaded.version,
                     "rates": rates,
                     "recommended": found.tau if found.measured else None,
                     "notes": list(found.notes),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.errors import UsageError
 from actioncli.likeness import doubts
 from actioncli.recognizer import DEFAULT_TAU, Decision, Recognizer
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.store.names import NEGATIVES, check_label
-from actioncli.store.store import Enrolled, SupportStore
+from actioncli.store.store import Enrolled, Example, SupportStore
 from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 
 
@@ -24,13 +26,13 @@ class Loaded:
     """What is enrolled at one moment, as the recogniser takes it.
 
     Attributes:
-        version: of the store.
+        content: label, kind and checksum of every example.
         support: embeddings (n, F, E) of each action.
         negatives: (N, F, E).
         durations: of the examples of actions, seconds.
     """
 
-    version: str
+    content: tuple[tuple[str, bool, str], ...]
     support: dict[str, FloatArray]
     negatives: FloatArray
     durations: tuple[float, ...]
@@ -55,6 +57,7 @@ class SupportSet:
         self.recognizer = Recognizer()
         self._lock = threading.Lock()
         self._loaded: Loaded | None = None
+        self._seen = ""
 
     def version(self) -> str:
         """Changes when the store does, whoever changes it."""
@@ -71,19 +74,27 @@ class SupportSet:
             StoreError: the store cannot be read.
         """
         with self._lock:
-            if self._loaded is None or self._loaded.version != self.version():
-                checksum, embed = self.recognizer.weights.checksum, self.recognizer.embed
-                support = self.store.embeddings(checksum, embed)
-                kept = self.store.embeddings(checksum, embed, negative=True)
+            version = self.version()
+            if self._loaded is None or self._seen != version:
                 examples = self.store.examples()
-                self._loaded = Loaded(
-                    # Afterwards: fresh embeddings are kept in the store, too.
-                    self.version(),
-                    support,
-                    np.concatenate([embed([]), *kept.values()]),
-                    tuple((e.frames - 1) / e.fps for e in examples if not e.negative),
-                )
+                content = tuple((e.label, e.negative, e.checksum) for e in examples)
+                # A threshold that is kept, for instance, changes the store and not what it holds.
+                if self._loaded is None or self._loaded.content != content:
+                    self._loaded = self._load(examples, content)
+                self._seen = version
             return self._loaded
+
+    def _load(
+        self, examples: Sequence[Example], content: tuple[tuple[str, bool, str], ...]
+    ) -> Loaded:
+        checksum, embed = self.recognizer.weights.checksum, self.recognizer.embed
+        kept = self.store.embeddings(checksum, embed, negative=True)
+        return Loaded(
+            content,
+            self.store.embeddings(checksum, embed),
+            np.concatenate([embed([]), *kept.values()]),
+            tuple((e.frames - 1) / e.fps for e in examples if not e.negative),
+        )
 
     def threshold(self) -> tuple[Threshold, bool]:
         """The threshold in use, and whether it was kept, by a page or by `calibrate`."""
@@ -159,7 +170,14 @@ class SupportSet:
         """
         label = NEGATIVES if negative else check_label(label)
         warnings = [] if negative else self._doubts(label, embedding)
-        enrolled = self.store.enroll(label, clip, note, negative)
+        try:
+            enrolled = self.store.enroll(label, clip, note, negative)
+        except UsageError as error:
+            if not negative:
+                raise
+            raise UsageError(
+                f"`{NEGATIVES}` is the name of an action here; give it another one first."
+            ) from error
         return enrolled, warnings if enrolled.added else []
 
     def _doubts(self, label: str, embedding: FloatArray) -> list[str]:

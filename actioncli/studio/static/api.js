@@ -34,8 +34,9 @@ export const ask = (method, path, document = {}) =>
     method, headers: { "Content-Type": "application/json" }, body: JSON.stringify(document),
   }));
 
-export const upload = (file, name, signal) =>
-  answered(fetch(`/api/clips?name=${encodeURIComponent(name)}`, {
+// options: of reading, by name.
+export const upload = (file, name, options, signal) =>
+  answered(fetch(`/api/clips?${new URLSearchParams({ name, ...options })}`, {
     method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file, signal,
   }));
 

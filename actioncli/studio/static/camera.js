@@ -7,13 +7,14 @@ const WIDTH = 480; // pixels of a live picture
 const QUALITY = 0.8; // of its JPEG
 const KINDS = ["video/webm;codecs=vp8", "video/webm", "video/mp4"];
 const EVENTS = 20; // kept on the list
+const RATED = 20; // pictures that the rate is told of
 
 const sleep = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
 
 export class Camera {
   // studio: { state, tau() }; tray takes what is recorded
   constructor(studio, tray) {
-    Object.assign(this, { studio, tray, stream: null, socket: null, busy: false, number: 0, last: null });
+    Object.assign(this, { studio, tray, stream: null, socket: null, busy: false, number: 0, last: null, times: [] });
     this.video = byId("video");
     this.picture = el("canvas");
     byId("camera-switch").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
@@ -28,15 +29,16 @@ export class Camera {
       const video = { ...size, ...(device ? { deviceId: { exact: device } } : {}) };
       this.stream = await navigator.mediaDevices.getUserMedia({ video, audio: false });
     } catch (error) {
-      say(cameraProblem(error));
+      this.problem(cameraProblem(error));
       return;
     }
+    this.problem("");
     this.stream.getVideoTracks()[0].addEventListener("ended", () => this.stop());
     this.video.srcObject = this.stream;
     byId("camera").hidden = false;
     byId("camera-switch").textContent = "Stop the camera";
     byId("events").replaceChildren();
-    this.verdict("", "Looking …");
+    this.verdict("none", "Looking …");
     await this.video.play();
     const settings = this.stream?.getVideoTracks()[0].getSettings();
     this.video.parentElement.style.aspectRatio = `${this.video.videoWidth} / ${this.video.videoHeight}`;
@@ -52,7 +54,12 @@ export class Camera {
     this.socket = null;
     byId("camera").hidden = true;
     byId("camera-switch").textContent = "Use the camera";
-    if (why) say(why);
+    this.problem(why);
+  }
+
+  problem(text) {
+    byId("camera-problem").textContent = text;
+    byId("camera-problem").hidden = !text;
   }
 
   async offerCameras(current) {
@@ -67,6 +74,7 @@ export class Camera {
     if (!this.stream) return;
     const socket = new WebSocket(`ws://${location.host}/api/live`);
     this.socket = socket;
+    this.times = [];
     socket.addEventListener("open", () => { this.sendTau(); this.sendPicture(socket); });
     socket.addEventListener("message", (event) => {
       const told = JSON.parse(event.data);
@@ -108,8 +116,12 @@ export class Camera {
 
   show(told) {
     this.draw(told.points);
-    byId("view").textContent = !told.seen ? "Nobody is in view" : told.whole
+    const now = performance.now();
+    this.times = [...this.times.slice(-RATED), now];
+    const rate = (1000 * (this.times.length - 1)) / Math.max(now - this.times[0], 1);
+    const view = !told.seen ? "Nobody is in view" : told.whole
       ? "The body is in view" : "Step back until head, hands and feet are in the picture";
+    byId("view").textContent = `${view}, ${rate.toFixed(0)} pictures/s`;
     for (const event of told.events ?? []) {
       byId("events").prepend(el("li", {}, `${event.label}, ${event.seconds.toFixed(1)} s, confidence ${event.confidence.toFixed(2)}`));
       while (byId("events").children.length > EVENTS) byId("events").lastChild.remove();
@@ -152,7 +164,7 @@ export class Camera {
     g.lineCap = "round";
     for (const [a, b, side] of this.bones) {
       g.globalAlpha = Math.min(points[a][2], points[b][2]) > 0.5 ? 1 : 0.25;
-      g.strokeStyle = side === "middle" ? "#f0f0f0" : style.getPropertyValue(`--film-${side}`);
+      g.strokeStyle = style.getPropertyValue(`--film-${side}`);
       g.beginPath();
       g.moveTo(points[a][0] * canvas.width, points[a][1] * canvas.height);
       g.lineTo(points[b][0] * canvas.width, points[b][1] * canvas.height);
@@ -186,9 +198,9 @@ export class Camera {
       await stopped;
       const suffix = kind.includes("mp4") ? "mp4" : "webm";
       say("Recorded.");
-      this.tray.send(new Blob(parts), `camera ${++this.number}.${suffix}`);
+      this.tray.send(new Blob(parts), `camera ${++this.number}.${suffix}`, {});
     } catch (error) {
-      say(`The recording failed: ${error.message}`);
+      this.problem(`The recording failed: ${error.message}.`);
     } finally {
       this.busy = false;
       count.hidden = true;

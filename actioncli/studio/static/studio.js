@@ -3,7 +3,7 @@
 import { Actions } from "./actions.js";
 import { get } from "./api.js";
 import { Camera } from "./camera.js";
-import { byId } from "./dom.js";
+import { byId, el } from "./dom.js";
 import { Threshold } from "./threshold.js";
 import { Tray } from "./tray.js";
 
@@ -23,6 +23,7 @@ const studio = {
       if (!told.actions) return;
       this.state = told;
       byId("store").textContent = told.store;
+      if (byId("layouts").length === 1) byId("layouts").append(...told.layouts.map((name) => el("option", {}, name)));
       actions.update(told);
       threshold.update(told);
       tray.update();

@@ -97,17 +97,19 @@ export class Threshold {
       el("th", { scope: "row" }, name),
       el("td", { class: "text", "data-rate": key }, rates[key].of ? `${count(rates[key])} ${of}` : count(rates[key])),
       el("td", {}, rates[key].of ? `${percent(rates[key].low)}–${percent(rates[key].high)} %` : "")));
+    const head = el("thead", {}, el("tr", {}, el("th", { scope: "col", class: "text" }, "At this τ"),
+      el("th", { scope: "col", class: "text" }, "counted"), el("th", { scope: "col" }, "95 % interval")));
     const notes = this.measured.notes.length
       ? el("ul", { class: "notes" }, ...this.measured.notes.map((note) => el("li", {}, note)))
       : null;
     byId("rates").replaceChildren(
-      el("table", { class: "rates" }, el("tbody", {}, ...rows)), this.curve(), ...(notes ? [notes] : []));
+      el("table", { class: "rates" }, head, el("tbody", {}, ...rows)), this.curve(), ...(notes ? [notes] : []));
   }
 
   // Both shares over tau, and where the slider stands.
   curve() {
     const { rates } = this.measured;
-    const x = (step) => 30 + (step / (rates.length - 1)) * 320;
+    const x = (step) => 42 + (step / (rates.length - 1)) * 312;
     const y = (share) => 100 - share * 90;
     const lines = [];
     const legend = [];
@@ -124,7 +126,7 @@ export class Threshold {
     const rule = svg("line", { x1: at, x2: at, y1: 6, y2: 104, "stroke-width": 1.5 });
     rule.style.stroke = "var(--ink)";
     const ground = [0, 0.5, 1].map((share) => {
-      const line = svg("line", { x1: 30, x2: 350, y1: y(share), y2: y(share) });
+      const line = svg("line", { x1: 42, x2: 354, y1: y(share), y2: y(share) });
       line.style.stroke = "var(--line)";
       return line;
     });
@@ -133,7 +135,7 @@ export class Threshold {
     const marks = [0, 0.5, 1].map((tau) =>
       svg("text", { x: x(100 * tau), y: 116, "text-anchor": "middle" }, `τ ${tau}`));
     return svg("svg", {
-      class: "curve", viewBox: "0 0 370 122", role: "img",
+      class: "curve", viewBox: "0 0 372 122", role: "img",
       "aria-label": `Shares over τ, ${legend.join(", ")}`,
     }, ...ground, ...words, ...marks, ...lines, rule);
   }

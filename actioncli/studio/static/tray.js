@@ -25,15 +25,20 @@ export class Tray {
   }
 
   sendAll(files) {
-    for (const file of files) this.send(file, file.name);
+    for (const file of files) this.send(file, file.name, this.options());
   }
 
-  send(file, name) {
-    const clip = new Clip(this, name);
+  // What is filled in, by the names that `read_any` has.
+  options() {
+    return Object.fromEntries([...new FormData(byId("options"))].filter(([, value]) => value !== ""));
+  }
+
+  send(file, name, options) {
+    const clip = new Clip(this, file, name);
     this.clips.add(clip);
     byId("clips").prepend(clip.element);
     byId("tray").hidden = false;
-    clip.send(file);
+    clip.send(options);
   }
 
   // What is enrolled, or tau, has changed.
@@ -50,22 +55,23 @@ export class Tray {
 }
 
 class Clip {
-  constructor(tray, name) {
-    Object.assign(this, { tray, name, id: null, told: null, gone: new AbortController() });
+  constructor(tray, file, name) {
+    Object.assign(this, { tray, file, name, id: null, told: null, gone: new AbortController() });
     this.body = el("div");
     this.element = el("article", { class: "card", "aria-label": `Clip ${name}` },
       el("div", { class: "head" }, el("h3", {}, name)), this.body);
   }
 
-  async send(file) {
+  async send(options) {
     this.wait("sending");
+    const { file } = this;
     try {
       const limit = this.tray.studio.state?.limit;
       if (limit && file.size > limit) {
         throw new Error(`The file is larger than ${limit / 1e6} MB, more than is taken here. Cut out ` +
           "the action, or use the command line, which reads files where they are.");
       }
-      this.id = (await upload(file, this.name, this.gone.signal)).id;
+      this.id = (await upload(file, this.name, options, this.gone.signal)).id;
       await this.follow();
     } catch (error) {
       if (error.name !== "AbortError") this.fail(error.message);
@@ -84,7 +90,7 @@ class Clip {
   }
 
   wait(stage, seconds, total) {
-    if (!this.bar) {
+    if (!this.bar?.isConnected) {
       this.bar = el("progress", { max: 1, "aria-label": `Progress of ${this.name}` });
       this.stage = el("p", { class: "muted" });
       this.body.replaceChildren(this.stage, this.bar,
@@ -98,12 +104,16 @@ class Clip {
   fail(message) {
     const text = message.startsWith(this.name) ? message : `${this.name}: ${message}`;
     this.body.replaceChildren(el("p", { class: "problem", role: "alert" }, text),
-      el("div", { class: "row" }, button("Dismiss", () => this.discard(""), { "aria-label": `Dismiss ${this.name}` })));
+      el("div", { class: "row" },
+        button("Try again", () => this.send(this.tray.options()), { "aria-label": `Try ${this.name} again` }),
+        button("Dismiss", () => this.discard(""), { "aria-label": `Dismiss ${this.name}` })));
   }
 
   show(told) {
     this.told = told;
+    this.file = null;
     const { decision } = told;
+    this.stage = el("div");
     this.verdict = el("p", { class: "verdict" });
     this.ranked = el("div");
     this.label = el("input", {
@@ -119,16 +129,32 @@ class Clip {
       el("li", {}, `${plural(told.frames, "frame")}, ${told.seconds.toFixed(1)} s`),
       ...told.notes.map((note) => el("li", {}, note)));
     this.problem = el("p", { class: "problem", role: "alert", hidden: true });
-    this.body.replaceChildren(player(this.name, [{ caption: "what was seen", figure: told.figure }]),
+    this.body.replaceChildren(this.stage,
       this.verdict, this.ranked, notes, form, this.problem);
+    this.draw();
     this.judge();
     say(`${this.name}: ${this.verdict.textContent}`);
+  }
+
+  // The clip, and beside it, in step, an example of the action that it is nearest to.
+  async draw() {
+    const nearest = this.told.decision?.nearest ?? "";
+    if (nearest === this.beside) return;
+    this.beside = nearest;
+    const shown = [{ caption: "this clip", figure: this.told.figure }];
+    this.stage.replaceChildren(player(this.name, shown));
+    const action = this.tray.studio.state?.actions.find((each) => each.label === nearest);
+    if (!action) return;
+    const figure = await get(`/api/examples/${action.examples[0].id}`).catch(() => null);
+    if (figure === null || this.beside !== nearest) return;
+    this.stage.replaceChildren(player(this.name, [...shown, { caption: `nearest: ${nearest}`, figure }]));
   }
 
   async update() {
     if (!this.told) return;
     try {
       this.told.decision = (await get(`/api/clips/${this.id}`)).decision;
+      this.draw();
       this.judge();
     } catch (error) {
       this.refuse(error.message);

@@ -1,0 +1,113 @@
+"""The page of `review`: what a stream showed, decided on one by one."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from actioncli.errors import SupportError, UsageError
+from actioncli.recorder import Kept, kept_clips
+from actioncli.report.figure import figure
+from actioncli.report.page import playable
+from actioncli.studio.answers import application, json_object
+from actioncli.studio.support import SupportSet
+
+
+@dataclass(eq=False)
+class Review:
+    """Everything behind the page.
+
+    Attributes:
+        done: how many clips were enrolled (`enroll`), made negatives (`negative`) and deleted
+            (`delete`).
+    """
+
+    support: SupportSet
+    folder: Path
+    done: Counter[str] = field(default_factory=Counter)
+
+    def app(self) -> Starlette:
+        """The page and what it asks for."""
+        return application(
+            "review.html",
+            [
+                Route("/api/waiting", self.waiting),
+                Route("/api/waiting/{file}", self.clip),
+                Route("/api/waiting/{file}", self.decide, methods=["POST"]),
+            ],
+        )
+
+    def waiting(self, request: Request) -> Response:
+        """All clips that wait, in the order of recording."""
+        actions = self.support.store.actions()
+        return JSONResponse(
+            {
+                "folder": str(self.folder),
+                "store": str(self.support.store.path),
+                "labels": [action.label for action in actions if not action.negative],
+                "clips": [_entry(kept) for kept in kept_clips(self.folder)],
+            }
+        )
+
+    def clip(self, request: Request) -> Response:
+        """A clip in motion, and an example of the action that it was taken for."""
+        kept = self._kept(request)
+        drawn = playable(figure(kept.clip()))
+        try:
+            first = self.support.store.examples(kept.label)[0].id
+            example = self.support.figure(first)
+        except SupportError:  # the action is not enrolled any more
+            example = None
+        return JSONResponse({"figure": drawn, "example": example})
+
+    async def decide(self, request: Request) -> Response:
+        """Enrol a clip or not; either way it leaves the folder."""
+        asked = await json_object(request)
+        decision, label = asked.get("decision"), asked.get("label")
+        if decision not in {"enroll", "negative", "delete"}:
+            raise UsageError("A clip is enrolled, made a negative, or deleted.")
+        if decision == "enroll" and not isinstance(label, str):
+            raise UsageError("The request lacks `label`.")
+        warnings = await asyncio.to_thread(self._decide, self._kept(request), decision, label or "")
+        return JSONResponse({"warnings": warnings})
+
+    def _decide(self, kept: Kept, decision: str, label: str) -> list[str]:
+        warnings: list[str] = []
+        if decision != "delete":
+            clip = kept.clip()
+            embedding = self.support.recognizer.embed([clip])[0]
+            _, warnings = self.support.enroll(
+                label, clip, embedding, decision == "negative", kept.origin
+            )
+        kept.forget()
+        self.done[decision] += 1
+        return warnings
+
+    def _kept(self, request: Request) -> Kept:
+        # Only what the folder lists can be named.
+        name = request.path_params["file"]
+        for kept in kept_clips(self.folder):
+            if kept.file.name == name:
+                return kept
+        raise SupportError(f"{name} is not in the folder any more.")
+
+
+def _entry(kept: Kept) -> dict[str, Any]:
+    return {
+        "file": kept.file.name,
+        "label": kept.label,
+        "confidence": kept.confidence,
+        "tau": kept.tau,
+        "event": kept.event,
+        "start": kept.start,
+        "end": kept.end,
+        "source": kept.source,
+    }

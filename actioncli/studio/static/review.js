@@ -1,0 +1,100 @@
+// One recorded clip after the other, decided on by a click or a key.
+
+import { ask, get } from "./api.js";
+import { byId, el, player, plural, say } from "./dom.js";
+
+const KEYS = { e: "enroll", o: "other", n: "negative", d: "delete", s: "skip" };
+
+// The token has become a cookie; it must not stay in the address bar and the history.
+history.replaceState(null, "", "/");
+
+let waiting = [];
+let place = 0;
+let busy = false;
+
+async function load() {
+  const told = await get("/api/waiting");
+  byId("folder").textContent = told.folder;
+  byId("store").textContent = told.store;
+  byId("labels").replaceChildren(...told.labels.map((label) => el("option", { value: label })));
+  waiting = told.clips;
+  place = 0;
+  await show();
+}
+
+async function show() {
+  const clip = waiting[place];
+  byId("clip").hidden = !clip;
+  byId("done").hidden = Boolean(clip);
+  byId("again").hidden = Boolean(clip) || waiting.length === 0;
+  if (!clip) {
+    byId("done").textContent = waiting.length
+      ? `That was the last one; ${plural(waiting.length, "clip")} skipped.` : "Nothing waits for review.";
+    return;
+  }
+  byId("title").textContent = `${place + 1} of ${waiting.length}: ${clip.event ? "event" : "near miss"}, ${clip.label}`;
+  byId("what").textContent = `Confidence ${clip.confidence.toFixed(2)}, τ ${clip.tau.toFixed(2)}; ${clip.source}, ` +
+    `${clip.start.toFixed(1)} s to ${clip.end.toFixed(1)} s.`;
+  byId("label").value = clip.label;
+  byId("stage").replaceChildren();
+  byId("clip").focus();
+  try {
+    const { figure, example } = await get(`/api/waiting/${encodeURIComponent(clip.file)}`);
+    if (clip !== waiting[place]) return;
+    const shown = [{ caption: "what was recorded", figure }];
+    if (example) shown.push({ caption: `example of ${clip.label}`, figure: example });
+    byId("stage").replaceChildren(player(clip.file, shown));
+  } catch (error) {
+    byId("stage").replaceChildren(el("p", { class: "problem" }, error.message));
+  }
+}
+
+async function decide(what) {
+  const clip = waiting[place];
+  if (!clip || busy) return;
+  if (what === "other") {
+    byId("label").focus();
+    byId("label").select();
+    return;
+  }
+  problem("");
+  if (what === "skip") {
+    place++;
+    await show();
+    return;
+  }
+  busy = true;
+  try {
+    const label = byId("label").value.trim();
+    const told = await ask("POST", `/api/waiting/${encodeURIComponent(clip.file)}`, { decision: what, label });
+    say({
+      enroll: `${clip.file} enrolled as ${label}.${told.warnings.length ? ` It is ${told.warnings.join(", and ")}.` : ""}`,
+      negative: `${clip.file} is never accepted.`,
+      delete: `${clip.file} deleted.`,
+    }[what]);
+    waiting.splice(place, 1);
+    await show();
+  } catch (error) {
+    problem(error.message);
+  } finally {
+    busy = false;
+  }
+}
+
+function problem(text) {
+  byId("problem").textContent = text;
+  byId("problem").hidden = !text;
+}
+
+byId("decide").addEventListener("submit", (event) => { event.preventDefault(); decide("enroll"); });
+for (const what of ["other", "negative", "delete", "skip"]) byId(what).addEventListener("click", () => decide(what));
+byId("again").addEventListener("click", () => load().catch((error) => problem(error.message)));
+addEventListener("keydown", (event) => {
+  const typing = event.target.matches("input:not([type=range]), select, textarea");
+  if (typing || event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
+  const what = KEYS[event.key.toLowerCase()];
+  if (!what) return;
+  event.preventDefault();
+  decide(what);
+});
+load().catch((error) => problem(error.message));
