@@ -3,6 +3,7 @@
 # make nightly the tests that take minutes or hours
 # make fuzz    look for files that readers cannot take, FUZZ_SECONDS (an hour) for each reader
 # make bench   time it (see tests/benchmarks)
+# make dist    archives, SBOM and licences for a release
 # make clean   remove all that these made
 #
 # Needs Python 3.11 or newer with its venv module; PYTHON=... picks another one than is found.
@@ -27,12 +28,26 @@ test: .venv/installed
 	.venv/bin/mypy
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4
 
-nightly: .venv/installed
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 -m nightly
+# Every test, the slow ones too, with coverage; mutants of what decides; old and new versions.
+nightly: .venv/release
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 -m 'nightly or not nightly' \
+		--cov --cov-report=term
+	rm -rf mutants && .venv/bin/mutmut run
+	! .venv/bin/mutmut results | grep -v killed
+	sh tools/matrix.sh .venv-matrix
 
 FUZZ_SECONDS ?= 3600
 fuzz: .venv/installed
 	FUZZ_SECONDS=$(FUZZ_SECONDS) OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 tests/fuzz
+
+# What is uploaded: both archives, the licences of what a user installs with them, and an SBOM.
+dist: .venv/release .venv-demo/installed
+	rm -rf build dist
+	.venv/bin/python -m build
+	.venv/bin/cyclonedx-py environment --pyproject pyproject.toml -o dist/actioncli.cdx.json \
+		.venv-demo/bin/python
+	.venv/bin/pip-licenses --python .venv-demo/bin/python --format markdown --with-urls --no-version \
+		--ignore-packages actioncli pip setuptools --output-file THIRD_PARTY.md
 
 bench: .venv/installed
 	.venv/bin/python tests/benchmarks/startup.py
@@ -40,7 +55,7 @@ bench: .venv/installed
 	.venv/bin/python tests/benchmarks/training.py
 
 clean:
-	rm -rf .venv .venv-demo build dist actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .fuzz
+	rm -rf .venv .venv-demo .venv-matrix build dist mutants actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .fuzz
 
 # `installed` is written last and removed first: an environment without it was left half made, and
 # is made anew.
@@ -58,6 +73,10 @@ endef
 	@echo "Installing the checkout and its development tools in .venv; torch makes this long, once."
 	.venv/bin/python $(PIP_INSTALL) --editable '.[dev]'
 	@sh tools/install_chromium.sh
+	@touch $@
+
+.venv/release: .venv/installed
+	.venv/bin/python $(PIP_INSTALL) --editable '.[release]'
 	@touch $@
 
 # The demo runs what a user gets.
