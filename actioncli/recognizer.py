@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.prepare import prepare
+from actioncli.clips.prepare import prepare_all
 from actioncli.errors import SupportError
 from actioncli.model import compare
 from actioncli.model.weights import Weights, read_weights
@@ -119,10 +119,8 @@ class Recognizer:
             ClipError: a clip lacks joints that the model reads.
         """
         config = self.weights.config
-        frames = [prepare(clip, config.preparation) for clip in clips]
-        joints = (config.preparation.frames, len(config.preparation.joints), 3)
-        prepared = np.stack(frames) if frames else np.empty((0, *joints), np.float32)
-        return compare.embed(self.weights.tensors, config, prepared)
+        frames = prepare_all(clips, config.preparation)
+        return compare.embed(self.weights.tensors, config, frames)
 
     def compare(
         self,

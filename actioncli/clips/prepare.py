@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
@@ -66,10 +68,26 @@ def prepare(clip: Clip, preparation: Preparation) -> FloatArray:
     Raises:
         ClipError: the clip's layout lacks a joint that the model reads.
     """
-    names = preparation.joints
-    frames = sample(_posed(clip, preparation), preparation.frames, preparation.motion)
-    # Between two frames a limb that swings is interpolated too short.
-    return standard_body(frames, names) if preparation.size == "standard" else frames
+    frames: FloatArray = prepare_all([clip], preparation)[0]
+    return frames
+
+
+def prepare_all(clips: Sequence[Clip], preparation: Preparation) -> FloatArray:
+    """`prepare` for N clips at once, (N, F, J, 3).
+
+    Raises:
+        ClipError: as `prepare`.
+    """
+    names, frames = preparation.joints, preparation.frames
+    if not clips:
+        return np.empty((0, frames, len(names), 3), np.float32)
+    joints, lengths = _posed(clips, preparation)
+    at = _places(joints, lengths, frames, preparation.motion)
+    sampled = _between(joints, at, lengths)
+    if preparation.size == "standard":
+        # Between two frames a limb that swings is interpolated too short.
+        sampled = standard_body(sampled, names)
+    return sampled.reshape(len(clips), frames, len(names), 3)
 
 
 def prepared_at(clip: Clip, preparation: Preparation) -> NDArray[np.float64]:
@@ -78,35 +96,53 @@ def prepared_at(clip: Clip, preparation: Preparation) -> NDArray[np.float64]:
     Raises:
         ClipError: as `prepare`.
     """
-    return sample_places(_posed(clip, preparation), preparation.frames, preparation.motion)
+    joints, _ = _posed([clip], preparation)
+    return sample_places(joints, preparation.frames, preparation.motion)
 
 
-def _posed(clip: Clip, preparation: Preparation) -> FloatArray:
-    """All frames of the clip as the model would see them, (T, J, 3)."""
+def _posed(clips: Sequence[Clip], preparation: Preparation) -> tuple[FloatArray, NDArray[np.intp]]:
+    """All frames of the clips as the model would see them, one clip after another, (ΣT, J, 3),
+    and their lengths (N,)."""
     names = preparation.joints
-    joints = select_joints(clip.joints, clip.joint_names, names, clip.source)
-    joints = joints - joints[:, [names.index("pelv")]]
+    parts = []
+    for given, alike in groupby(clips, key=lambda clip: clip.joint_names):
+        group = list(alike)
+        recorded = np.concatenate([clip.joints for clip in group])
+        parts.append(select_joints(recorded, given, names, group[0].source))
+    lengths = np.array([len(clip) for clip in clips])
+    joints = np.concatenate(parts)
+    joints -= joints[:, [names.index("pelv")]]
     if preparation.heading:
-        joints = turn_to_front(joints, names)
+        joints = turn_to_front(joints, names, lengths)
     if preparation.size == "torso":
-        return np.asarray(joints / torso_length(joints, names), np.float32)
+        parts = np.split(joints, np.cumsum(lengths)[:-1])
+        joints = np.concatenate([part / torso_length(part, names) for part in parts])
     if preparation.size == "standard":
-        return standard_body(joints, names)
-    return joints
+        joints = standard_body(joints, names)
+    return np.asarray(joints, np.float32), lengths
 
 
-def turn_to_front(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
+def turn_to_front(
+    joints: FloatArray, names: tuple[str, ...], lengths: NDArray[np.intp] | None = None
+) -> FloatArray:
     """Turn about the vertical until the mean left-to-right axis of hips and shoulders is +x.
 
-    One turn for the whole clip: what the person turns during the action stays visible.
+    One turn for a whole clip: what the person turns during the action stays visible.
+
+    Args:
+        joints: (T, J, 3).
+        names: J names.
+        lengths: of the clips that stand one after another in `joints`; one clip without it.
     """
     right = joints[:, names.index("rhip")] + joints[:, names.index("rsho")]
     left = joints[:, names.index("lhip")] + joints[:, names.index("lsho")]
-    across = (right - left).mean(axis=0)
-    angle = np.arctan2(across[2], across[0])
+    counts = np.array([len(joints)]) if lengths is None else lengths
+    # Only the direction of the sum matters, so there is no need for the mean.
+    across = np.add.reduceat(right - left, np.cumsum(counts) - counts, axis=0)
+    angle = np.repeat(np.arctan2(across[:, 2], across[:, 0]), counts)[:, None]
     cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]], np.float32)
-    return np.asarray(joints @ turn, np.float32)
+    x, y, z = joints[..., 0], joints[..., 1], joints[..., 2]
+    return np.asarray(np.stack([x * cos + z * sin, y, z * cos - x * sin], axis=-1), np.float32)
 
 
 def torso_length(joints: FloatArray, names: tuple[str, ...]) -> np.float32:
@@ -130,7 +166,7 @@ def standard_body(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
     length = np.array([length for _, _, length in BONES], np.float32)
     bones = joints[:, children] - joints[:, parents]
     # A bone of no length has no direction and stays a point.
-    bones *= (length / (np.linalg.norm(bones, axis=2) + 1e-6))[..., None]
+    bones *= (length / (_norm(bones) + np.float32(1e-6)))[..., None]
     standard = np.zeros_like(joints)
     for bone, (child, parent) in enumerate(zip(children, parents, strict=True)):
         standard[:, child] = standard[:, parent] + bones[:, bone]
@@ -146,10 +182,8 @@ def sample(joints: FloatArray, frames: int, motion: float = 0.0) -> FloatArray:
     Returns:
         (frames, J, 3).
     """
-    at = sample_places(joints, frames, motion)
-    before = np.minimum(at.astype(int), len(joints) - 2)
-    share = (at - before).astype(np.float32)[:, None, None]
-    return np.asarray(joints[before] * (1 - share) + joints[before + 1] * share, np.float32)
+    lengths = np.array([len(joints)])
+    return _between(joints, _places(joints, lengths, frames, motion), lengths)
 
 
 def sample_places(joints: FloatArray, frames: int, motion: float = 0.0) -> NDArray[np.float64]:
@@ -165,10 +199,41 @@ def sample_places(joints: FloatArray, frames: int, motion: float = 0.0) -> NDArr
     Returns:
         (frames,) from 0 to T - 1.
     """
-    last = len(joints) - 1
+    places: NDArray[np.float64] = _places(joints, np.array([len(joints)]), frames, motion)[0]
+    return places
+
+
+def _places(
+    joints: FloatArray, lengths: NDArray[np.intp], frames: int, motion: float
+) -> NDArray[np.float64]:
+    """`sample_places` of N clips that stand one after another in `joints`: (N, frames)."""
+    last = np.cumsum(lengths) - 1
+    first = last - lengths + 1
+    wanted = np.linspace(0, 1, frames)
     if not motion:
-        return np.linspace(0, last, frames)
-    moved = np.linalg.norm(np.diff(joints, axis=0), axis=2).mean(axis=1)
-    advance = (1 - motion) / last + motion * moved / max(float(moved.sum()), 1e-9)
-    clock = np.concatenate([[0.0], np.cumsum(advance)])
-    return np.interp(np.linspace(0, clock[-1], frames), clock, np.arange(last + 1))
+        return first[:, None] + wanted * (lengths - 1)[:, None]
+    step = np.diff(joints, axis=0, prepend=joints[:1])
+    moved = _norm(step).mean(axis=1).astype(np.float64)
+    moved[first] = 0
+    total = np.maximum(np.add.reduceat(moved, first), 1e-9)
+    advance = np.repeat((1 - motion) / (lengths - 1), lengths)
+    advance += np.repeat(motion / total, lengths) * moved
+    # Between one clip's last frame and the next one's first, the clock makes a jump of its own.
+    advance[first] = 1
+    clock = np.cumsum(advance)
+    begun, ended = clock[first][:, None], clock[last][:, None]
+    places = np.interp(begun + wanted * (ended - begun), clock, np.arange(len(joints)))
+    return np.asarray(np.clip(places, first[:, None], last[:, None]))
+
+
+def _between(joints: FloatArray, at: NDArray[np.float64], lengths: NDArray[np.intp]) -> FloatArray:
+    """The frames (N·frames, J, 3) of clips at places (N, frames), linear between neighbours."""
+    before = np.minimum(at.astype(int), np.cumsum(lengths)[:, None] - 2)
+    share = (at - before).astype(np.float32).reshape(-1, 1, 1)
+    before = before.reshape(-1)
+    return np.asarray(joints[before] * (1 - share) + joints[before + 1] * share, np.float32)
+
+
+def _norm(vectors: FloatArray) -> FloatArray:
+    """Lengths of vectors, (..., 3) to (...); numpy's own sums three numbers in a slow way."""
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
