@@ -26,7 +26,7 @@ from actioncli.cli.common import (
 )
 from actioncli.cli.output import number, printable, say
 from actioncli.cli.video import QualityOption, checked_quality
-from actioncli.errors import SupportError, UsageError
+from actioncli.errors import ClipError, SupportError, UsageError
 
 if TYPE_CHECKING:
     from actioncli.events import Event, Spotter
@@ -121,14 +121,19 @@ def watch(
 def _events(
     settings: Settings, source: str, spotter: Spotter, quality: str, recorder: Recorder | None
 ) -> Iterator[Event]:
-    """Look at the stream every `STRIDE` seconds; what Ctrl-C cuts off is told as well."""
+    """Look at the stream every `STRIDE` seconds; what its end or Ctrl-C cuts off is told as well.
+
+    Raises:
+        ClipError: the stream is lost; after the last event.
+    """
     from actioncli.events import STRIDE
     from actioncli.pose.stream import PoseStream
 
     poses = PoseStream(quality, seconds=max(spotter.windows) + 1)
     looked = -STRIDE
+    lost: ClipError | None = None
     with _frames(source) as (frames, live), _view(settings) as view:
-        with contextlib.suppress(KeyboardInterrupt):
+        try:
             for frame in frames:
                 poses.add(frame)
                 if frame.time - looked >= STRIDE:
@@ -140,10 +145,18 @@ def _events(
                         busy = spotter.current is not None
                         recorder.look(clip, frame.time, spotter.ranking, over, busy)
                 view.show(frame, poses, spotter, live)
+            if live is not None:
+                settings.tell(f"note: {printable(source)}: the stream has ended")
+        except KeyboardInterrupt:
+            pass
+        except ClipError as error:
+            lost = error
         over = spotter.finish()
         yield from over
         if recorder is not None:
             recorder.finish(over)
+    if lost is not None:
+        raise lost
 
 
 @contextlib.contextmanager

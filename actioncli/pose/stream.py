@@ -21,6 +21,8 @@ from actioncli.pose.video import SAMPLING_RATE
 
 # Seconds without a new frame after which a live source counts as gone.
 _PATIENCE = 5.0
+# Seconds that a frame under way may take when the source is closed.
+_LAST_FRAME = 1.0
 
 
 class LiveSource:
@@ -41,8 +43,13 @@ class LiveSource:
         self._capture = opened(source, backend)
         if not self._capture.isOpened():
             raise ClipError(
-                f"{self._name}: cannot be opened. Cameras are numbered from 0; another program "
-                "may be using it, or this one may lack the permission."
+                f"{self._name}: cannot be opened. "
+                + (
+                    "Cameras are numbered from 0; another program may be using it, or this one "
+                    "may lack the permission."
+                    if isinstance(source, int)
+                    else "Is the address right, and does something send a stream from there?"
+                )
             )
         self.dropped = 0
         self._newest: Frame | None = None
@@ -53,7 +60,8 @@ class LiveSource:
         self._thread.start()
 
     def _receive(self) -> None:
-        while not self._closing:
+        read = True
+        while read and not self._closing:
             read, image = self._capture.read()
             now = time.monotonic() - self._start
             with self._changed:
@@ -62,8 +70,8 @@ class LiveSource:
                     self.dropped += self._newest is not None
                     self._newest = Frame(now, np.asarray(image, np.uint8))
                 self._changed.notify()
-            if not read:
-                return
+        # Here and not in `close`: releasing while another thread reads can crash.
+        self._capture.release()
 
     def frames(self) -> Iterator[Frame]:
         """Frames with seconds since opening, each the newest there is.
@@ -83,10 +91,9 @@ class LiveSource:
                 raise ClipError(f"{self._name}: no picture for {_PATIENCE:g} s.")
 
     def close(self) -> None:
-        """Release the camera."""
+        """Release the camera; a stream that has stalled is left behind."""
         self._closing = True
-        self._thread.join(_PATIENCE)
-        self._capture.release()
+        self._thread.join(_LAST_FRAME)
 
 
 class PoseStream:

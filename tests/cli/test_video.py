@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pose.videos import streamed
 
 from actioncli import SupportStore, read_clip
 from actioncli.cli import camera
@@ -129,6 +133,41 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
     assert invoke("watch", waving, "--json", "--tau", 0).stdout == first.stdout
     assert invoke("watch", waving, "--tau", 1).stdout == ""
     assert "wave  (confidence" in invoke("watch", waving, "--tau", 0).stdout
+
+
+def test_watch_a_stream_to_its_end(
+    invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
+) -> None:
+    with streamed((frame.image for frame in VideoFile(waving).frames()), fps=10) as address:
+        done = invoke("watch", address, "--json", "--tau", 0)
+    assert done.exit_code == 0, done.stderr
+    events = [json.loads(line) for line in done.stdout.splitlines()]
+    assert all(0 <= event["start"] < event["end"] < 60 for event in events)
+    assert done.stderr.endswith(f"note: {address}: the stream has ended\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
+def test_ctrl_c_ends_watching(filled: SupportStore, waving: Path) -> None:
+    sent = threading.Event()
+
+    def images() -> Iterator[np.ndarray]:
+        for frame in VideoFile(waving).frames():
+            yield frame.image
+        sent.set()
+
+    words = [sys.executable, "-m", "actioncli", "watch", "--json", "--tau", "0"]
+    with (
+        streamed(images(), fps=10, stall=60) as address,
+        subprocess.Popen(
+            [*words, address], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as watching,
+    ):
+        assert sent.wait(100)
+        watching.send_signal(signal.SIGINT)
+        told, complaint = watching.communicate(timeout=60)
+    assert (watching.returncode, complaint) == (0, "")
+    for line in told.splitlines():
+        assert json.loads(line)["label"]
 
 
 def test_watch_keeps_what_it_told(

@@ -1,15 +1,18 @@
 from __future__ import annotations
 
+import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from actioncli.errors import ClipError
+from actioncli.pose import stream as streams
 from actioncli.pose.frames import Frame
 from actioncli.pose.stream import LiveSource, PoseStream, file_frames
 
-from .videos import numbered, real_frames, write_video
+from .videos import number, numbered, real_frames, streamed, write_video
 
 
 def test_a_live_source_gives_the_newest_and_drops_the_rest(tmp_path: Path) -> None:
@@ -21,6 +24,41 @@ def test_a_live_source_gives_the_newest_and_drops_the_rest(tmp_path: Path) -> No
     source.close()
     assert taken >= 1
     assert taken + source.dropped == 40
+
+
+def test_late_frames_of_a_camera_are_dropped_and_never_queued() -> None:
+    """Frames come 60 a second and are taken 20 a second: each taken one is the newest."""
+    with streamed(numbered(60, 192, 128), fps=60) as address:
+        source = LiveSource(address)
+        taken = []
+        for frame in source.frames():
+            taken.append((number(frame.image), frame.time))
+            time.sleep(0.05)
+        source.close()
+    shown = [n for n, _ in taken]
+    assert shown == sorted(set(shown))
+    assert shown[-1] == 59
+    assert len(shown) + source.dropped == 60
+    assert source.dropped > 5
+    assert all(before < after for (_, before), (_, after) in pairwise(taken))
+
+
+def test_a_stream_that_stalls_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(streams, "_PATIENCE", 1.5)
+    with streamed(numbered(20), fps=60, stall=30) as address:
+        source = LiveSource(address)
+        with pytest.raises(ClipError, match=r"http://127.0.0.1:\d+/: no picture for 1.5 s"):
+            list(source.frames())
+        begun = time.monotonic()
+        source.close()
+        assert time.monotonic() - begun < 5  # though nothing more comes
+
+
+def test_an_address_that_sends_nothing() -> None:
+    with streamed([], fps=60) as address:
+        gone = address
+    with pytest.raises(ClipError, match=r"cannot be opened\. Is the address right"):
+        LiveSource(gone)
 
 
 def test_no_camera() -> None:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import cv2
@@ -81,3 +85,43 @@ def slow_down_second_half(path: Path, times: int) -> None:
     data[(edits := data.index(b"edts")) : edits + 4] = b"free"  # it would cut to the old length
     assert data.index(b"mdat") < at, "frames must lie before the header, so that they stay put"
     path.write_bytes(data)
+
+
+@contextmanager
+def streamed(images: Iterable[Image], fps: float, stall: float = 0.0) -> Iterator[str]:
+    """The address of a camera on this machine that sends JPEGs at their pace, as many cameras do.
+
+    Args:
+        stall: seconds for which the connection stays open after the last image.
+    """
+    over = threading.Event()
+
+    class Camera(BaseHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            """Nobody reads it."""
+
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+            self.end_headers()
+            begun = time.monotonic()
+            try:
+                for n, image in enumerate(images):
+                    picture = cv2.imencode(".jpg", image)[1].tobytes()
+                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}"
+                    self.wfile.write(head.encode() + b"\r\n\r\n" + picture + b"\r\n")
+                    over.wait(max(begun + (n + 1) / fps - time.monotonic(), 0))
+            except (BrokenPipeError, ConnectionResetError):
+                return  # the viewer has gone
+            over.wait(stall)
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Camera) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            over.set()
+            server.shutdown()
+            thread.join()
