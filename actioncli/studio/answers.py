@@ -83,6 +83,19 @@ async def json_object(request: Request) -> dict[str, Any]:
     return document
 
 
+def checked_tau(tau: object) -> float | None:
+    """A threshold that a page sent; None stands for the one in use.
+
+    Raises:
+        UsageError: it is none.
+    """
+    if tau is None:
+        return None
+    if isinstance(tau, bool) or not isinstance(tau, int | float) or not 0 <= tau <= 1:
+        raise UsageError("tau must lie between 0 and 1.")
+    return float(tau)
+
+
 def _told(request: Request, error: Exception) -> Response:
     status = next(code for kind, code in _STATUS if isinstance(error, kind))
     # What has not been read of the request is not waited for.

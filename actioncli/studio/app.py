@@ -17,7 +17,7 @@ from actioncli.clips.layouts import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
-from actioncli.studio.answers import application, decision_entry, json_object
+from actioncli.studio.answers import application, checked_tau, decision_entry, json_object
 from actioncli.studio.live import live_endpoint
 from actioncli.studio.measure import Measurement
 from actioncli.studio.scratch import Scratch, receive
@@ -175,10 +175,8 @@ class Studio:
 
     async def keep_tau(self, request: Request) -> Response:
         """Use a threshold from now on; null forgets it."""
-        tau = (await json_object(request)).get("tau")
-        if tau is not None and not (isinstance(tau, int | float) and 0 <= tau <= 1):
-            raise UsageError("tau must lie between 0 and 1.")
-        await asyncio.to_thread(self.support.keep_tau, None if tau is None else float(tau))
+        tau = checked_tau((await json_object(request)).get("tau"))
+        await asyncio.to_thread(self.support.keep_tau, tau)
         return JSONResponse({"tau": tau})
 
     def export(self, request: Request) -> Response:

@@ -19,6 +19,7 @@ from actioncli.pose.frames import Frame
 from actioncli.pose.sides import LIMBS
 from actioncli.pose.stream import PoseStream
 from actioncli.pose.video import DEFAULT_QUALITY
+from actioncli.studio.answers import checked_tau
 from actioncli.studio.support import Loaded, SupportSet
 from actioncli.threshold import Threshold
 
@@ -168,6 +169,4 @@ def _tau(text: str) -> float | None:
         tau = json.loads(text)["tau"]
     except (ValueError, TypeError, KeyError) as error:
         raise UsageError("A message must hold a picture or a threshold.") from error
-    if tau is not None and not (isinstance(tau, int | float) and 0 <= tau <= 1):
-        raise UsageError("tau must lie between 0 and 1.")
-    return tau
+    return checked_tau(tau)

@@ -44,6 +44,8 @@ class Server:
             if os.name == "posix":  # on Windows, it would let others take the port as well
                 self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._socket.bind(("127.0.0.1", port))
+            # From here on who connects waits until `run` answers.
+            self._socket.listen()
         except (OSError, OverflowError) as error:
             self._socket.close()
             reason = error.strerror if isinstance(error, OSError) else "there is no such port"

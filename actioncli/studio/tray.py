@@ -60,9 +60,13 @@ class Sent:
 
     def error(self) -> str:
         """Why it cannot be used; empty while it is read and where all is well."""
+        if self.reading.cancelled():
+            return f"{self.name}: it was cancelled."
         failure = self.reading.exception() if self.reading.done() else None
         if failure is None:
             return ""
+        if isinstance(failure, CancelledError):
+            return f"{self.name}: {failure}."
         if isinstance(failure, ActionCliError):
             return str(failure)
         return f"unexpected {type(failure).__name__}: {failure} (this is a bug)"
@@ -86,8 +90,10 @@ class Sent:
             CancelledError: reading should stop.
         """
         self.progress = progress
-        if self._cancelled.is_set() or time.monotonic() - self._asked > _PATIENCE:
-            raise CancelledError
+        if self._cancelled.is_set():
+            raise CancelledError("it was cancelled")
+        if time.monotonic() - self._asked > _PATIENCE:
+            raise CancelledError("nobody waited for it; send it again")
 
 
 def check_kind(name: str) -> str:

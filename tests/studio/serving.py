@@ -1,16 +1,17 @@
-"""A studio on a real port, and a client that speaks to it as a page does."""
+"""A page on a real port, and a client that speaks to it as the page does."""
 
 from __future__ import annotations
 
 import http.client
 import json
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, quote, urlsplit
+from urllib.parse import parse_qs, urlencode, urlsplit
 
 from starlette.applications import Starlette
 
@@ -21,59 +22,86 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 @dataclass
 class Client:
-    """Whoever has an address."""
+    """Whoever has an address.
+
+    Attributes:
+        headers: what a page sends with each request.
+    """
 
     address: str
     port: int = field(init=False)
     token: str = field(init=False)
+    headers: dict[str, str] = field(init=False)
 
     def __post_init__(self) -> None:
         parts = urlsplit(self.address)
-        self.port = parts.port or 0
+        assert parts.port is not None
+        self.port = parts.port
         self.token = parse_qs(parts.query)["token"][0]
+        self.headers = {
+            "Cookie": f"actioncli-{self.port}={self.token}",
+            "Origin": f"http://127.0.0.1:{self.port}",
+        }
 
-    @property
-    def origin(self) -> str:
-        return f"http://127.0.0.1:{self.port}"
-
-    def headers(self) -> dict[str, str]:
-        return {"Cookie": f"actioncli-{self.port}={self.token}", "Origin": self.origin}
-
-    def ask(
+    def answer(
         self,
         method: str,
         path: str,
-        body: object = None,
-        headers: dict[str, str] | None = None,
-        **more: Any,
-    ) -> tuple[int, Any]:
-        """Status, and what was answered: JSON as what it means, all else as bytes."""
+        body: bytes | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> tuple[int, Mapping[str, str], bytes]:
+        """Status, headers and content."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
-        sent = json.dumps(body) if isinstance(body, dict) else body
         try:
-            given = self.headers() if headers is None else headers
-            connection.request(method, path, sent, given, **more)  # type: ignore[arg-type]
+            sent = self.headers if headers is None else headers
+            connection.request(method, path, body, dict(sent))
             response = connection.getresponse()
-            content = response.read()
+            return response.status, response.headers, response.read()
         finally:
             connection.close()
-        kind = response.getheader("Content-Type", "")
-        return response.status, json.loads(content) if "json" in kind else content
 
-    def send(self, file: Path) -> dict[str, Any]:
-        """Upload a file and wait until it has been read."""
-        status, told = self.ask("POST", f"/api/clips?name={quote(file.name)}", file.read_bytes())
+    def ask(self, method: str, path: str, document: object = None) -> tuple[int, Any]:
+        """Status and the JSON document; None where there is no content."""
+        body = None if document is None else json.dumps(document).encode()
+        status, _, content = self.answer(method, path, body)
+        return status, json.loads(content) if content else None
+
+    def get(self, path: str) -> Any:
+        """The document at a path that is there."""
+        status, told = self.ask("GET", path)
+        assert status == 200, told
+        return told
+
+    def upload(self, file: Path, **options: object) -> tuple[int, Any]:
+        """Send a file."""
+        query = urlencode({"name": file.name, **options})
+        status, _, content = self.answer("POST", f"/api/clips?{query}", file.read_bytes())
+        return status, json.loads(content)
+
+    def send(self, file: Path, **options: object) -> dict[str, Any]:
+        """Send a file and wait until it has been read."""
+        status, told = self.upload(file, **options)
         assert status == 202, told
         return self.read(told["id"])
 
     def read(self, number: str) -> dict[str, Any]:
-        for _ in range(600):
-            status, told = self.ask("GET", f"/api/clips/{number}")
-            assert status == 200, told
+        """What has become of a clip that was sent."""
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            told: dict[str, Any] = self.get(f"/api/clips/{number}")
             if told["state"] != "reading":
-                return dict(told)
-            threading.Event().wait(0.05)
+                return told
+            time.sleep(0.03)
         raise AssertionError("is still being read")
+
+    def enroll(self, file: Path, label: str, negative: bool = False) -> Any:
+        """Send a file and keep it."""
+        sent = self.send(file)
+        assert sent["state"] == "ready", sent
+        document = {"label": label, "negative": negative}
+        status, told = self.ask("POST", f"/api/clips/{sent['id']}/enroll", document)
+        assert status == 200, told
+        return told
 
 
 @contextmanager

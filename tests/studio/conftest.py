@@ -1,0 +1,51 @@
+"""One studio for all tests, with an empty support set for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from actioncli.studio.app import Studio
+from actioncli.studio.scratch import Scratch
+from actioncli.studio.support import SupportSet
+from actioncli.threshold import keep_threshold
+
+from .serving import Client, serving
+
+
+@pytest.fixture(scope="session", autouse=True)
+def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of the support set, the cache and the uploads."""
+    folder = tmp_path_factory.mktemp("home")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ACTIONCLI_HOME", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="session")
+def served(home: Path) -> Iterator[tuple[Studio, str]]:
+    """The studio, and its address."""
+    scratch = Scratch()
+    studio = Studio(SupportSet(), scratch)
+    with serving(studio.app()) as address:
+        yield studio, address
+    studio.close()
+    scratch.close()
+    assert not list(home.glob("studio-*"))
+
+
+@pytest.fixture
+def studio(served: tuple[Studio, str]) -> Studio:
+    """The same, with nothing enrolled."""
+    studio, _ = served
+    studio.support.store.clear()
+    keep_threshold(studio.support.store, None)
+    return studio
+
+
+@pytest.fixture
+def client(studio: Studio, served: tuple[Studio, str]) -> Client:
+    """Somebody with the studio's address."""
+    return Client(served[1])

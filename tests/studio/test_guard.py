@@ -1,0 +1,103 @@
+"""Who may talk to a local page."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from .serving import Client
+
+
+def test_the_address_opens_the_page_and_becomes_a_cookie(client: Client) -> None:
+    path = client.address.removeprefix(client.headers["Origin"])
+    status, headers, content = client.answer("GET", path, headers={})
+    assert status == 200
+    assert b"<title>actioncli studio</title>" in content
+    cookie = headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    status, headers, _ = client.answer("GET", "/", headers={"Cookie": cookie.partition(";")[0]})
+    assert status == 200
+    assert "Set-Cookie" not in headers
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/api/state", "/api/export", "/static/studio.js", "/nothing", "/?token=guess"]
+)
+def test_nothing_is_told_without_the_token(client: Client, path: str) -> None:
+    for cookie in ("", "actioncli=1", f"actioncli-{client.port}=guess"):
+        status, headers, content = client.answer("GET", path, headers={"Cookie": cookie})
+        assert status == 403
+        assert content.startswith(b"Refused: open the whole address")
+        assert client.token.encode() not in content
+        assert "Set-Cookie" not in headers
+
+
+@pytest.mark.parametrize("method", ["POST", "DELETE", "PUT", "PATCH"])
+def test_what_changes_something_comes_from_the_page_itself(client: Client, method: str) -> None:
+    origin = client.headers["Origin"]
+    for foreign in (None, "null", "http://evil.example", origin + "0", "http://127.0.0.1:1"):
+        headers = {"Cookie": client.headers["Cookie"]}
+        if foreign is not None:
+            headers["Origin"] = foreign
+        status, _, content = client.answer(method, "/api/actions", b"{}", headers)
+        assert status == 403
+        assert b"only the page itself" in content
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1", "localhost:1", "127.0.0.1.nip.io", ""]
+)
+def test_a_name_that_was_pointed_here_is_refused(client: Client, host: str) -> None:
+    headers = {**client.headers, "Host": host}
+    status, _, content = client.answer("GET", "/api/state", headers=headers)
+    assert status in {400, 403}
+    assert b"store" not in content
+
+
+def test_a_page_may_also_call_it_localhost(client: Client) -> None:
+    host = f"localhost:{client.port}"
+    headers = {**client.headers, "Host": host, "Origin": f"http://{host}"}
+    assert client.answer("GET", "/api/state", headers=headers)[0] == 200
+    assert client.answer("PUT", "/api/tau", b'{"tau": null}', headers)[0] == 200
+
+
+@pytest.mark.parametrize("lacking", ["Cookie", "Origin"])
+def test_a_websocket_needs_both(client: Client, lacking: str) -> None:
+    headers = {name: value for name, value in client.headers.items() if name != lacking}
+    address = f"ws://127.0.0.1:{client.port}/api/live"
+    with pytest.raises(InvalidStatus) as refused, connect(address, additional_headers=headers):
+        pass
+    assert refused.value.response.status_code == 403
+
+
+@pytest.mark.parametrize("path", ["/", "/api/state", "/static/studio.js", "/static/none", "/none"])
+def test_every_answer_keeps_others_out(client: Client, path: str) -> None:
+    _, headers, _ = client.answer("GET", path)
+    policy = headers["Content-Security-Policy"]
+    assert policy.startswith("default-src 'none'")
+    assert "unsafe" not in policy
+    assert "*" not in policy
+    assert headers["Cache-Control"] == "no-store"
+    assert headers["Referrer-Policy"] == "no-referrer"
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert "Access-Control-Allow-Origin" not in headers
+
+
+@pytest.mark.parametrize(
+    "path", ["/static/../app.py", "/static/%2e%2e%2fapp.py", "/static/studio.html", "/static/"]
+)
+def test_only_the_pages_files_are_served(client: Client, path: str) -> None:
+    assert client.answer("GET", path)[0] == 404
+
+
+@settings(max_examples=25, deadline=None)
+@given(cookie=st.text(st.characters(min_codepoint=32, max_codepoint=255), max_size=60))
+def test_no_cookie_is_taken_for_the_token(served: tuple[object, str], cookie: str) -> None:
+    client = Client(served[1])
+    given = f"actioncli-{client.port}={cookie}".encode().decode("latin-1")
+    assert client.answer("GET", "/api/state", headers={"Cookie": given.strip()})[0] in {400, 403}

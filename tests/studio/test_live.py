@@ -1,0 +1,117 @@
+"""A camera of the browser, without the browser: pictures over a WebSocket."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from actioncli import read_video_clip
+from actioncli.studio.app import Studio
+from actioncli.studio.live import Camera
+from tests.pose.videos import real_frames
+
+from .serving import EXAMPLES, Client
+
+SHARED = Path(__file__).parents[3] / "shared/video"
+FILM = SHARED / "jumping_jack/afrlW.mp4"
+needs_film = pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
+
+
+@pytest.fixture
+def socket(client: Client) -> Iterator[ClientConnection]:
+    address = f"ws://127.0.0.1:{client.port}/api/live"
+    with connect(address, additional_headers=client.headers) as connection:
+        yield connection
+
+
+def message(time: float, image: Any) -> bytes:
+    small = cv2.resize(image, None, fx=0.5, fy=0.5)
+    return struct.pack("<d", time) + cv2.imencode(".jpg", small)[1].tobytes()
+
+
+def told(socket: ClientConnection) -> dict[str, Any]:
+    answer: dict[str, Any] = json.loads(socket.recv(timeout=30))
+    return answer
+
+
+def test_nobody_in_the_picture(socket: ClientConnection) -> None:
+    bones = told(socket)["bones"]
+    assert {side for _, _, side in bones} == {"left", "right", "middle"}
+    socket.send(message(0.0, np.full((240, 320, 3), 90, np.uint8)))
+    answer = told(socket)
+    assert (answer["seen"], answer["whole"], answer["points"]) == (False, False, None)
+    assert "ranking" not in answer  # nothing is enrolled
+
+
+def test_the_tau_that_is_tried_and_the_support_set_are_followed(
+    client: Client, studio: Studio, socket: ClientConnection
+) -> None:
+    client.enroll(EXAMPLES / "squat/ada.npz", "squat")
+    told(socket)
+    grey = np.full((240, 320, 3), 90, np.uint8)
+    socket.send(message(0.0, grey))
+    assert told(socket)["tau"] == 0.5
+    socket.send(json.dumps({"tau": 0.8}))
+    socket.send(message(1.0, grey))
+    answer = told(socket)
+    assert (answer["tau"], answer["ranking"], answer["current"]) == (0.8, [], None)
+    socket.send(json.dumps({"tau": None}))
+    client.ask("PUT", "/api/tau", {"tau": 0.3})
+    socket.send(message(2.0, grey))
+    assert told(socket)["tau"] == 0.3
+    studio.support.store.clear()
+    socket.send(message(3.0, grey))
+    assert "ranking" not in told(socket)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (b"", "a time and a JPEG"),
+        (struct.pack("<d", 1.0) + b"\x89PNG", "a time and a JPEG"),
+        (struct.pack("<d", 1.0) + b"\xff\xd8\xff\xe0 damaged", "damaged"),
+        (struct.pack("<d", float("nan")) + b"\xff\xd8\xff\xe0", "order of their times"),
+        ("no json", "a picture or a threshold"),
+        ('{"tau": 2}', "between 0 and 1"),
+        ('{"tau": true}', "between 0 and 1"),
+    ],
+)
+def test_what_is_no_picture_ends_it(socket: ClientConnection, wrong: bytes | str, why: str) -> None:
+    told(socket)
+    socket.send(wrong)
+    assert why in told(socket)["error"]
+    with pytest.raises(ConnectionClosed):
+        socket.recv(timeout=10)
+
+
+def test_a_message_beyond_all_measure_ends_it(socket: ClientConnection) -> None:
+    told(socket)
+    socket.send(bytes(5_000_000))
+    with pytest.raises(ConnectionClosed):
+        socket.recv(timeout=10)
+
+
+@needs_film
+def test_an_action_is_recognised_while_it_is_performed(studio: Studio) -> None:
+    studio.support.store.enroll("jumping jack", read_video_clip(FILM, cache=False))
+    camera = Camera(studio.support)
+    events, whole, rankings = [], [], []
+    # Twice the film, at a rate that a slow machine reaches too.
+    for n, image in enumerate(real_frames(FILM, 40, every=3) * 2):
+        answer = camera.frame(message(n / 10, image))
+        whole.append(answer["whole"])
+        rankings += answer.get("ranking", [])
+        events += [answer["current"]] if answer.get("current") else []
+    assert np.mean(whole) > 0.9
+    assert set(events) == {"jumping jack"}
+    assert max(seen["confidence"] for seen in rankings) > 0.9
+    assert len(answer["points"]) == 33
