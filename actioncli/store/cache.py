@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from actioncli.errors import StoreError
 from actioncli.store.database import writing
-from actioncli.store.examples import require
+from actioncli.store.examples import require_label
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,12 +41,15 @@ def read_embeddings(
 
     labels: dict[int, str] = {}
     found: dict[int, NDArray[np.float32]] = {}
+    checked: set[object] = set()
     for example, label, held, frames, width, crc, data in db.execute(
         "SELECT id, label, negative, embeddings.frames, width, crc, data FROM examples "
         "LEFT JOIN embeddings ON example = id AND weights = ? WHERE negative = ? ORDER BY id",
         (weights, negative),
     ):
-        require(str, label)
+        if label not in checked:
+            require_label(label)
+            checked.add(label)
         labels[example] = label
         if data is not None and crc == _crc(example, label, held, weights, frames, width, data):
             found[example] = np.frombuffer(data, "<f4").reshape(frames, width)

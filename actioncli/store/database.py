@@ -26,6 +26,12 @@ from actioncli.store.location import exists, prepare
 # Seconds to wait for other writers: sixteen that enrol at once on a slow disk stay far below it.
 PATIENCE = 30.0
 
+# Bytes; more than any example has, so that what a hostile file announces stays bearable.
+_LONGEST_ROW = 96 * 2**20
+
+# What SQLite answers where only giving back a lock failed.
+_UNLOCKING = {sqlite3.SQLITE_IOERR_RDLOCK, sqlite3.SQLITE_IOERR_UNLOCK}
+
 _PRAGMAS = (
     "PRAGMA synchronous = EXTRA",
     "PRAGMA foreign_keys = ON",
@@ -99,8 +105,17 @@ def writing(path: Path, patience: float | None = None) -> Iterator[sqlite3.Conne
                 continue
             migrations.migrate(db, path)
             yield db
-            db.execute("COMMIT")
+            _commit(db)
             return
+
+
+def _commit(db: sqlite3.Connection) -> None:
+    try:
+        db.execute("COMMIT")
+    except sqlite3.OperationalError as error:
+        # Everything is on the disk by then; closing the file gives the lock back as well.
+        if error.sqlite_errorcode not in _UNLOCKING:
+            raise
 
 
 def _file(path: Path) -> tuple[int, int] | None:
@@ -119,6 +134,7 @@ def _connected(path: Path, patience: float) -> Iterator[sqlite3.Connection]:
         # mode=rw never creates; where writing is not allowed, SQLite opens for reading only.
         uri = f"{path.as_uri()}?mode=rw"
         with closing(sqlite3.connect(uri, uri=True, timeout=patience, isolation_level=None)) as db:
+            db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_ROW)
             for pragma in _PRAGMAS:
                 db.execute(pragma)
             yield db

@@ -91,6 +91,22 @@ def require(kind: type, *values: object) -> None:
         raise sqlite3.DatabaseError(f"a column that should hold {kind.__name__} does not")
 
 
+def require_label(label: object) -> None:
+    """A label is one that could have been enrolled, whoever wrote the file: it goes to terminals
+    and to other programs.
+
+    Raises:
+        sqlite3.DatabaseError: it is not.
+    """
+    require(str, label)
+    try:
+        allowed = check_label(str(label)) == label
+    except UsageError:
+        allowed = False
+    if not allowed:
+        raise sqlite3.DatabaseError(f"the label {str(label)[:100]!a} is none that is allowed")
+
+
 def read_outlines(db: sqlite3.Connection, path: Path) -> list[tuple[int, Record, bool]]:
     """All examples without their bytes: identifier, record, whether there is a confidence."""
     from actioncli.store.record import OUTLINE, Record

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import sqlite3
 import zlib
+from contextlib import closing
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from actioncli.errors import StoreError
@@ -77,6 +79,9 @@ MIGRATIONS: tuple[Migration, ...] = (
     ),
 )
 
+# What their statements call, with the number of arguments.
+_FUNCTIONS = {"seal": 7, "setting_crc": 2}
+
 
 def setting_crc(name: str, value: str) -> int:
     """CRC-32 of a setting."""
@@ -105,7 +110,40 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
             f"{path} was written by a newer release (schema {version}, this one knows "
             f"{len(MIGRATIONS)}). Update actioncli, or name another file with --store."
         )
+    if not _as_made(db, int(version)):
+        raise StoreError(
+            f"{path}: its tables are not as actioncli makes them, so it was changed by another "
+            "program, or on purpose. See `actioncli doctor`, or start anew from an export."
+        )
     return int(version)
+
+
+def _as_made(db: sqlite3.Connection, version: int) -> bool:
+    """Whether a database holds what the migrations make and nothing else.
+
+    The file may come from somebody else. A trigger would run with what is enrolled or removed; a
+    view in a table's place could count for ever.
+    """
+    found = _objects(db)
+    # What SQLite itself adds when somebody asks it to ANALYZE.
+    found = {row for row in found if row[0] != "table" or not row[1].startswith("sqlite_stat")}
+    return found == _made(version)
+
+
+@lru_cache
+def _made(version: int) -> set[tuple[str, str, str | None]]:
+    with closing(sqlite3.connect(":memory:")) as db:
+        # There are no rows, so that nothing is ever sealed.
+        for name, arguments in _FUNCTIONS.items():
+            db.create_function(name, arguments, lambda *_: 0)
+        for migration in MIGRATIONS[:version]:
+            for statement in migration.statements:
+                db.execute(statement)
+        return _objects(db)
+
+
+def _objects(db: sqlite3.Connection) -> set[tuple[str, str, str | None]]:
+    return set(db.execute("SELECT type, name, sql FROM sqlite_master"))
 
 
 def schema_of(db: sqlite3.Connection) -> list[str]:
@@ -139,5 +177,5 @@ def _prepare(db: sqlite3.Connection, version: int) -> None:
     (found,) = db.execute("PRAGMA integrity_check(1)").fetchone() if version else ("ok",)
     if found != "ok":
         raise sqlite3.DatabaseError(found)
-    db.create_function("seal", 7, seal)
-    db.create_function("setting_crc", 2, setting_crc)
+    db.create_function("seal", _FUNCTIONS["seal"], seal)
+    db.create_function("setting_crc", _FUNCTIONS["setting_crc"], setting_crc)

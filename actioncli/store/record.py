@@ -24,6 +24,8 @@ MOST_JOINTS = 1000
 # An hour and a half of 33 joints at 30 fps: beyond any action, and small enough to hold.
 LARGEST_CLIP_BYTES = 64 * 2**20
 LONGEST_JOINT_NAME = 100
+# Characters of all names as JSON, where each may be an escape of twelve.
+_LONGEST_NAMES = MOST_JOINTS * (12 * LONGEST_JOINT_NAME + 4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +84,16 @@ class Record:
             ValueError, TypeError: the row is damaged.
         """
         label, negative, source, note, added, fps, frames, names, checksum, joints, weights = row
-        named = json.loads(names)
+        if len(names) > _LONGEST_NAMES:
+            raise ValueError("joint names are too long")
+        try:
+            named = json.loads(names)
+        except RecursionError as error:
+            raise ValueError("joint names are nested") from error
         texts = (label, source, note, added, checksum)
         if not (
             isinstance(named, list)
+            and all(isinstance(name, str) for name in named)
             and isinstance(frames, int)
             and all(isinstance(text, str) for text in texts)
         ):

@@ -25,6 +25,7 @@ from actioncli.store.examples import (
     read_record,
     rename_examples,
     require,
+    require_label,
 )
 from actioncli.store.location import exists, folder_open_to_others, open_to_others, store_path
 from actioncli.store.migrations import setting_crc
@@ -128,7 +129,8 @@ class SupportStore:
             )
             actions = []
             for label, examples, seconds, added, negative in rows or ():
-                require(str, label, added)
+                require_label(label)
+                require(str, added)
                 actions.append(Action(label, examples, seconds, added, bool(negative)))
             return actions
 
@@ -149,7 +151,8 @@ class SupportStore:
             examples = []
             for number, label, negative, *rest in rows or ():
                 source, checksum, _, _, fps, added, note = rest
-                require(str, label, source, checksum, added, note)
+                require_label(label)
+                require(str, source, checksum, added, note)
                 require(float, fps)
                 examples.append(Example(number, label, bool(negative), *rest))
             return examples
