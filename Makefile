@@ -16,7 +16,7 @@ endif
 
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test nightly fuzz bench clean
+.PHONY: demo test nightly fuzz bench dist clean
 .DEFAULT_GOAL := test
 
 demo: .venv-demo/installed
@@ -46,8 +46,11 @@ dist: .venv/release .venv-demo/installed
 	.venv/bin/python -m build
 	.venv/bin/cyclonedx-py environment --pyproject pyproject.toml -o dist/actioncli.cdx.json \
 		.venv-demo/bin/python
-	.venv/bin/pip-licenses --python .venv-demo/bin/python --format markdown --with-urls --no-version \
-		--ignore-packages actioncli pip setuptools --output-file THIRD_PARTY.md
+	{ printf '# Licences\n\nWhat a user installs:\n\n'; $(LICENCES) .venv-demo/bin/python; \
+		printf '\nWhat development installs, all extras included:\n\n'; \
+		$(LICENCES) .venv/bin/python; } > THIRD_PARTY.md
+LICENCES = .venv/bin/pip-licenses --format markdown --with-urls --no-version \
+	--ignore-packages actioncli pip setuptools --python
 
 bench: .venv/installed
 	.venv/bin/python tests/benchmarks/startup.py

@@ -108,6 +108,20 @@ def test_only_training_needs_torch() -> None:
     assert CARD["project"]["optional-dependencies"]["train"] == ["torch==2.13.0"]
 
 
+def test_the_licence_of_every_requirement_is_listed() -> None:
+    listed = (ROOT / "THIRD_PARTY.md").read_text(encoding="utf-8")
+    user, development = listed.split("What development installs")
+    wanted = {re.split(r"[^\w-]", need)[0] for need in CARD["project"]["dependencies"]}
+    assert wanted <= set(re.findall(r"^\| ([\w.-]+) +\| \w", user, re.MULTILINE))
+    extras = CARD["project"]["optional-dependencies"]
+    wanted = {
+        re.split(r"[^\w-]", need)[0]
+        for name in ("report", "studio", "train")
+        for need in extras[name]
+    }
+    assert wanted <= set(re.findall(r"^\| ([\w.-]+) +\| \w", development, re.MULTILINE))
+
+
 def test_weights_stand_beside_the_package_in_a_checkout() -> None:
     assert weights_folder() == ROOT / "weights"
     assert weights_file("trx_os.safetensors").is_file()
