@@ -78,7 +78,7 @@ def kept_threshold(store: SupportStore) -> Threshold | None:
         value: Any = json.loads(text)
         actions = {str(label): _checked(tau) for label, tau in value["actions"].items()}
         return Threshold(_checked(value["tau"]), str(value["weights"]), actions)
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise StoreError(
             f"{store.path}: the calibrated threshold is damaged; `actioncli calibrate --reset` "
             "forgets it."

@@ -64,7 +64,7 @@ def fill_gaps(
         return positions, names, confidence, ()
     known = sorted({column for columns in default_columns(names).values() for column in columns})
     needed = [
-        column for column in known or range(len(names)) if not _is_root(missing, names, column)
+        column for column in known or range(len(names)) if not _is_root(positions, names, column)
     ]
     _check_mostly_there(missing, needed, names, where)
 
@@ -88,13 +88,13 @@ def fill_gaps(
             notes.append(f"{cut} empty frames at the ends dropped")
 
     unseen = missing.mean(axis=0) > _MOST_MISSING
-    unseen &= [not _is_root(missing, names, column) for column in range(len(names))]
+    unseen &= [not _is_root(positions, names, column) for column in range(len(names))]
     if unseen.any():
         notes.append("joints mostly missing, dropped: " + ", ".join(_named(names, unseen)))
         positions, missing = positions[:, ~unseen], missing[:, ~unseen]
         confidence = None if confidence is None else confidence[:, ~unseen]
         names = tuple(_named(names, ~unseen))
-    missing[:, [_is_root(missing, names, column) for column in range(len(names))]] = False
+    missing[:, [_is_root(positions, names, column) for column in range(len(names))]] = False
     if missing.any():
         positions = _interpolate(positions, missing)
         if confidence is not None:
@@ -106,9 +106,10 @@ def fill_gaps(
     return positions, names, confidence, tuple(notes)
 
 
-def _is_root(missing: BoolArray, names: tuple[str, ...], column: int) -> bool:
+def _is_root(positions: FloatArray, names: tuple[str, ...], column: int) -> bool:
     name = "".join(c for c in names[column].lower() if c.isalnum())
-    return name in _ROOTS and bool(missing[:, column].all())
+    # A root that is NaN throughout is missing like any other joint.
+    return name in _ROOTS and bool((positions[:, column] == 0).all())
 
 
 def _check_mostly_there(
