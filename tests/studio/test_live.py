@@ -105,8 +105,8 @@ def test_an_action_is_recognised_while_it_is_performed(studio: Studio) -> None:
     studio.support.store.enroll("jumping jack", read_video_clip(FILM, cache=False))
     camera = Camera(studio.support)
     events, whole, rankings = [], [], []
-    # Twice the film, at a rate that a slow machine reaches too.
-    for n, image in enumerate(real_frames(FILM, 40, every=3) * 2):
+    # At a rate that a slow machine reaches too.
+    for n, image in enumerate(real_frames(FILM, 40, every=3)):
         answer = camera.frame(message(n / 10, image))
         whole.append(answer["whole"])
         rankings += answer.get("ranking", [])

@@ -1,0 +1,198 @@
+"""`studio` and `review --page` as processes: what they print, and how they end."""
+
+import http.client
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from actioncli import SupportStore, read_clip
+from actioncli.events import Event
+from actioncli.recorder import Recorder
+from actioncli.threshold import Threshold
+
+from .conftest import EXAMPLES, Invoke, Run
+
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def start(home: Path) -> Iterator[Start]:
+    """Run a command in the background; what still runs at the end is killed."""
+    running = []
+
+    def begin(*arguments: object, **environment: str) -> subprocess.Popen[str]:
+        words = [sys.executable, "-m", "actioncli", *map(str, arguments)]
+        child = subprocess.Popen(
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **environment},
+        )
+        running.append(child)
+        return child
+
+    yield begin
+    for child in running:
+        child.kill()
+        child.communicate()
+
+
+def line(child: subprocess.Popen[str]) -> str:
+    assert child.stdout is not None
+    return child.stdout.readline()
+
+
+def status(address: str, path: str | None = None) -> int:
+    parts = urlsplit(address)
+    connection = http.client.HTTPConnection(parts.netloc, timeout=30)
+    connection.request("GET", f"{parts.path}?{parts.query}" if path is None else path)
+    answered = connection.getresponse().status
+    connection.close()
+    return answered
+
+
+def uploads(home: Path) -> list[Path]:
+    return list(home.glob("studio-*"))
+
+
+def gone(home: Path) -> bool:
+    deadline = time.monotonic() + 10
+    while uploads(home) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return not uploads(home)
+
+
+def begin_upload(address: str) -> http.client.HTTPConnection:
+    """A video that never ends."""
+    parts = urlsplit(address)
+    connection = http.client.HTTPConnection(parts.netloc, timeout=30)
+    connection.putrequest("POST", f"/api/clips?name=film.mp4&{parts.query}")
+    for name, value in (("Origin", f"http://{parts.netloc}"), ("Content-Length", "1000000")):
+        connection.putheader(name, value)
+    connection.endheaders()
+    connection.send(bytes(100_000))
+    return connection
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_serves_until_it_is_ended_and_leaves_nothing(
+    start: Start, home: Path, number: int
+) -> None:
+    child = start("studio", "--no-open")
+    address = line(child).strip()
+    assert address.startswith("http://127.0.0.1:")
+    assert status(address) == 200
+    assert status(address, "/api/state") == 403
+    upload = begin_upload(address)
+    deadline = time.monotonic() + 10
+    while not list(home.glob("studio-*/*")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    (file,) = home.glob("studio-*/*")
+    assert file.stat().st_mode & 0o777 == 0o600
+    child.send_signal(number)
+    said, told = child.communicate(timeout=30)
+    assert (child.returncode, said, told) == (0, "", "Ctrl-C ends it.\n")
+    assert not uploads(home)
+    upload.close()
+    assert not (home / "support.db").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_crash_leaves_nothing_either(start: Start, home: Path) -> None:
+    child = start("studio", "--no-open", "-q")
+    upload = begin_upload(line(child).strip())
+    assert uploads(home)
+    child.kill()
+    child.wait()
+    assert gone(home)
+    upload.close()
+
+
+def test_two_at_once_and_json(start: Start, home: Path) -> None:
+    first, second = (start("studio", "--no-open", "--json") for _ in range(2))
+    addresses = [json.loads(line(child))["address"] for child in (first, second)]
+    assert [status(address) for address in addresses] == [200, 200]
+    swapped = urlsplit(addresses[0])._replace(netloc=urlsplit(addresses[1]).netloc).geturl()
+    assert status(swapped) == 403
+
+
+def test_the_browser_is_given_a_file_that_nobody_else_can_read(
+    start: Start, home: Path, tmp_path: Path
+) -> None:
+    seen = tmp_path / "seen"
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\nprintf "%s" "$1" > {seen}.part && mv {seen}.part {seen}\n')
+    browser.chmod(0o700)
+    child = start("studio", BROWSER=str(browser))
+    address = line(child).strip()
+    deadline = time.monotonic() + 20
+    while not seen.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    opened = urlsplit(seen.read_text())
+    assert opened.scheme == "file"
+    page = Path(opened.path)
+    assert page.stat().st_mode & 0o777 == 0o600
+    assert page.parent.stat().st_mode & 0o777 == 0o700
+    assert address in page.read_text(encoding="utf-8")
+
+
+def test_what_cannot_be_served_is_told(
+    run: Run, invoke: Invoke, home: Path, tmp_path: Path, start: Start
+) -> None:
+    port = urlsplit(line(start("studio", "--no-open")).strip()).port
+    taken = invoke("studio", "--no-open", "--port", port)
+    assert (taken.exit_code, taken.stdout) == (2, "")
+    assert f"--port {port}: cannot be used (Address already in use)" in taken.stderr
+    broken = tmp_path / "broken.db"
+    broken.write_text("no database" * 100)
+    assert invoke("studio", "--no-open", "--store", broken).exit_code == 5
+    # A Python without the extra, for all that it can tell.
+    hidden = (
+        "import sys\nsys.modules['uvicorn'] = None\n"
+        "from actioncli.cli.app import app\nsys.argv = ['actioncli', 'studio']\napp()"
+    )
+    lacking = subprocess.run(
+        [sys.executable, "-c", hidden], capture_output=True, text=True, check=False
+    )
+    assert lacking.returncode == 2
+    assert "the page needs uvicorn: pip install 'actioncli[studio]'" in lacking.stderr
+
+
+def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "seen"
+    clip = read_clip(EXAMPLES / "squat/ada.npz")
+    event = Event("squat", 0.0, clip.duration, 0.6)
+    Recorder(folder, Threshold(0.5, ""), "0").look(clip, clip.duration, [], [event], False)
+    child = start("review", folder, "--page", "--no-open")
+    address = line(child).strip()
+    assert status(address) == 200
+    child.send_signal(signal.SIGINT)
+    said, _ = child.communicate(timeout=30)
+    assert (child.returncode, said) == (0, "nothing was changed\n")
+    assert not uploads(home)
+    assert invoke("review", folder, "--no-open").exit_code == 2
+    assert invoke("review", tmp_path / "none", "--page", "--no-open").exit_code == 2
+    assert "With --page: address" in invoke("review", "--help").stdout
+
+
+def test_it_is_the_support_set_of_the_commands(start: Start, store: SupportStore) -> None:
+    store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
+    child = start("studio", "--no-open")
+    parts = urlsplit(line(child).strip())
+    connection = http.client.HTTPConnection(parts.netloc, timeout=30)
+    connection.request("GET", f"/api/state?{parts.query}")
+    told = json.loads(connection.getresponse().read())
+    connection.close()
+    assert told["store"] == str(store.path)
+    assert [action["label"] for action in told["actions"]] == ["squat"]
