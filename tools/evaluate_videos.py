@@ -4,8 +4,9 @@
 
 FOLDER holds ACTION/PERSON.*. Every way to enrol one clip of each of the actions is tried; the
 other clips of these actions are to be recognised, all remaining actions rejected. Then, for
-`watch`, clips of the actions and of others are joined into one video each, and its events are
-compared with what was joined. Prints tables in Markdown.
+`watch`, one clip each is enrolled and all others are joined into one video, in an order drawn from
+`--seed`; its events are compared with what was joined, over several such videos. Prints tables in
+Markdown.
 """
 
 from __future__ import annotations
@@ -120,16 +121,63 @@ def watched(path: Path, spotter: Spotter, quality: str) -> list[Event]:
     return events + spotter.finish()
 
 
+@dataclass
+class Tally:
+    """Events over several joined videos.
+
+    Attributes:
+        performed: performances of enrolled actions.
+        right: events of the right label during one, the first of each.
+        twice: further events of a performance that has one.
+        wrong: all other events.
+    """
+
+    performed: int = 0
+    right: int = 0
+    twice: int = 0
+    wrong: int = 0
+
+    def add(self, events: Sequence[Event], truth: Sequence[tuple[str, float, float]]) -> None:
+        """Count the events of a video against label, start and end of what was performed."""
+        self.performed += len(truth)
+        open_ = list(truth)
+        for event in events:
+            during = [
+                one
+                for one in truth
+                if one[0] == event.label and event.start < one[2] and one[1] < event.end
+            ]
+            first = next((one for one in during if one in open_), None)
+            if first is not None:
+                open_.remove(first)
+                self.right += 1
+            elif during:
+                self.twice += 1
+            else:
+                self.wrong += 1
+
+    def row(self) -> str:
+        """Cells of a table; what is told twice counts against precision."""
+        events = self.right + self.twice + self.wrong
+        precision = f"{self.right / events:.2f}" if events else "-"
+        recall = f"{self.right / self.performed:.2f}" if self.performed else "-"
+        return (
+            f"{precision} | {recall} | {self.performed} | {self.right} | {self.twice} | "
+            f"{self.wrong}"
+        )
+
+
 def watching(
     recognizer: Recognizer,
     recordings: Sequence[Recording],
     actions: Sequence[str],
     quality: str,
     videos: int,
+    seed: int,
 ) -> str:
-    """A row: precision and recall of events, each matched with at most one performance."""
-    found = right = performed = 0
-    random = np.random.default_rng(0)
+    """A row: precision and recall of events over several joined videos."""
+    tally = Tally()
+    random = np.random.default_rng(seed)
     ways = list(enrolments(recordings, actions))
     for way in random.permutation(len(ways))[:videos]:
         chosen = ways[way]
@@ -142,22 +190,8 @@ def watching(
             path = Path(folder, "joined.mp4")
             truth = join(parts, path)
             events = watched(path, spotter, quality)
-        open_ = [(label, start, end) for label, start, end in truth if label in actions]
-        found, performed = found + len(events), performed + len(open_)
-        for event in events:
-            hit = next(
-                (
-                    t
-                    for t in open_
-                    if t[0] == event.label and event.start < t[2] and t[1] < event.end
-                ),
-                None,
-            )
-            if hit is not None:
-                open_.remove(hit)
-                right += 1
-    precision = right / found if found else float("nan")
-    return f"{precision:.2f} | {right / performed:.2f} | {found} | {performed}"
+        tally.add(events, [one for one in truth if one[0] in actions])
+    return tally.row()
 
 
 def main() -> None:
@@ -166,8 +200,9 @@ def main() -> None:
     parser.add_argument("--actions", nargs="+", required=True)
     parser.add_argument("--weights", type=Path)
     parser.add_argument("--qualities", nargs="+", default=["fast", "accurate"])
-    parser.add_argument("--rates", nargs="+", type=float, default=[10, 15, 30])
-    parser.add_argument("--videos", type=int, default=2, help="joined videos for watch")
+    parser.add_argument("--rates", nargs="*", type=float, default=[10, 15, 30])
+    parser.add_argument("--videos", type=int, default=6, help="joined videos for watch")
+    parser.add_argument("--seed", type=int, default=0, help="of their enrolments and orders")
     arguments = parser.parse_args()
     recognizer = Recognizer(arguments.weights)
     paths = sorted(path for path in arguments.folder.glob("*/*") if path.is_file())
@@ -182,11 +217,13 @@ def main() -> None:
         row = classification(recognizer, read(quality, rate), arguments.actions)
         print(f"| {quality} | {rate:g} | {row} |", flush=True)
     if arguments.videos:
-        print("\n| quality | precision | recall | events | performances |")
-        print("| --- | --- | --- | --- | --- |")
+        print("\n| quality | precision | recall | performances | right | twice | wrong |")
+        print("| --- | --- | --- | --- | --- | --- | --- |")
     for quality in arguments.qualities if arguments.videos else ():
         recordings = read(quality, 15)
-        row = watching(recognizer, recordings, arguments.actions, quality, arguments.videos)
+        row = watching(
+            recognizer, recordings, arguments.actions, quality, arguments.videos, arguments.seed
+        )
         print(f"| {quality} | {row} |", flush=True)
 
 

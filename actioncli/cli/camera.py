@@ -36,7 +36,7 @@ def record(settings: Settings, source: int | str, seconds: float, quality: str) 
         source: number of the camera, or an address.
 
     Raises:
-        ClipError: no camera, or the body is not in view.
+        ClipError: no camera, it stops too soon, or the body is not in view.
     """
     from actioncli.clips.clip import Clip
 
@@ -59,6 +59,11 @@ def record(settings: Settings, source: int | str, seconds: float, quality: str) 
                 else f"recording in {start - frame.time:.0f} s"
             )
             told = _show(settings, f"{line}, body {'in view' if seen else 'NOT in view'}", told)
+        else:
+            raise ClipError(
+                f"camera {source}: it stopped after {frames} frames, before {seconds:g} s were "
+                "recorded; nothing is enrolled."
+            )
         _show(settings, "", told)
     finally:
         camera.close()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,9 +20,12 @@ from pose.videos import streamed
 
 from actioncli import SupportStore, read_clip
 from actioncli.cli import camera
+from actioncli.pose import stream
 from actioncli.pose.frames import Frame, VideoFile
 
 from .conftest import Invoke
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -254,5 +259,60 @@ def test_record_without_a_body(
     assert store.examples() == []
 
 
+def test_record_from_a_camera_that_stops(
+    invoke: Invoke, store: SupportStore, waving: Path, at_camera: type[Paced]
+) -> None:
+    at_camera.video = waving
+    done = invoke("enroll", "wave", "--camera", 0, "--seconds", 10)
+    assert done.exit_code == 3
+    assert "camera 0: it stopped after 17 frames, before 10 s were recorded" in done.stderr
+    assert store.examples() == []
+
+
 def test_camera_and_files(invoke: Invoke) -> None:
     assert invoke("enroll", "wave", "a.npz", "--camera", 0).exit_code == 2
+
+
+def part_of(video: Path, copy: Path, seconds: float) -> Path:
+    """The beginning of a real video, small and at ten frames a second."""
+    writer = cv2.VideoWriter(str(copy), cv2.VideoWriter.fourcc(*"mp4v"), 10, (360, 360))
+    for frame in VideoFile(video).frames(end=seconds, rate=10):
+        height, width = frame.image.shape[:2]
+        scale = 360 / max(height, width)
+        small = cv2.resize(frame.image, (round(width * scale), round(height * scale)))
+        square = np.zeros((360, 360, 3), np.uint8)
+        top, left = (360 - small.shape[0]) // 2, (360 - small.shape[1]) // 2
+        square[top : top + small.shape[0], left : left + small.shape[1]] = small
+        writer.write(square)
+    writer.release()
+    return copy
+
+
+def test_the_commands_of_the_readme(
+    invoke: Invoke,
+    shared: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    at_camera: type[Paced],
+) -> None:
+    """All of its section on videos, in order; a recorded person stands before the camera."""
+    monkeypatch.setattr(stream, "LiveSource", Paced)
+    monkeypatch.chdir(tmp_path)
+    videos = shared / "video"
+    part_of(videos / "squat" / "darebeeW.mp4", tmp_path / "squat.mp4", 4)
+    part_of(videos / "squat" / "momokaM.mp4", tmp_path / "query.mp4", 4)
+    at_camera.video = part_of(videos / "wave_two_hands" / "sudC.avi", tmp_path / "live.mp4", 4.5)
+    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Videos and cameras")[1]
+    commands = re.findall(r"^ {4}(actioncli .+)$", section.split("\n## ")[0], re.MULTILINE)
+    assert len(commands) >= 7
+    for line in commands:
+        _, name, *words = shlex.split(line, comments=True)
+        if name == "review":  # whose keys tests/cli/test_review.py presses
+            words.append("--json")
+        done = invoke(name, *words)
+        # 1: somebody else's squat may be rejected.
+        assert done.exit_code in ((0, 1) if name == "classify" else (0,)), (line, done.stderr)
+    assert VideoFile(tmp_path / "seen.mp4").announced > 20
+    assert read_clip(tmp_path / "squat.npz").joints.shape[1] == 33
+    labels = json.loads(invoke("list-support", "--json").stdout)["actions"]
+    assert {"squat", "wave"} <= {action["label"] for action in labels}

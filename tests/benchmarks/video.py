@@ -1,0 +1,75 @@
+"""Frames a second of the whole way from a video to poses, beside the bare landmark network.
+
+    python tests/benchmarks/video.py [VIDEO]
+
+The way is decoding, detector, regions, landmarks and tracking, every frame of the video; the bare
+network runs as often, on a picture that lies ready. VIDEO shows one person; without it a recording
+beside the repository is taken, and without one there is nothing to measure. Rounds are interleaved,
+and the best of each counts, so that a busy machine disturbs the ratio little.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from actioncli.pose.detector import PersonDetector
+from actioncli.pose.frames import VideoFile
+from actioncli.pose.landmarks import SIDE, LandmarkEstimator
+from actioncli.pose.networks import LANDMARKS, Network
+from actioncli.pose.tracker import Tracker
+
+ROUNDS = 7
+# The network's share of the time; what is beside it may cost 15 %.
+LIMIT = 0.85
+RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "video"
+
+
+def seconds(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def measure(video: Path, quality: str) -> None:
+    """Print a line."""
+    detect, estimate = PersonDetector(), LandmarkEstimator(quality)
+    network = Network(LANDMARKS[quality])
+    picture = np.random.default_rng(0).random((SIDE, SIDE, 3), np.float32)
+    frames = 0
+
+    def whole() -> None:
+        nonlocal frames
+        tracker, file = Tracker(detect, estimate), VideoFile(video)
+        for frame in file.frames():
+            tracker(frame.image, frame.time)
+        frames = file.decoded
+
+    def bare() -> None:
+        for _ in range(frames):
+            network(picture)
+
+    whole()
+    bare()
+    rounds = [(seconds(whole), seconds(bare)) for _ in range(ROUNDS)]
+    ours, plain = (frames / min(times) for times in zip(*rounds, strict=True))
+    print(
+        f"{quality:8} {frames} frames: {ours:6.1f} frames/s, the network alone {plain:6.1f}, "
+        f"ratio {ours / plain:.2f} (at least {LIMIT:g})"
+    )
+
+
+def main() -> None:
+    given = [Path(argument) for argument in sys.argv[1:]]
+    videos = given or sorted(RECORDINGS.glob("*/*"))
+    if not videos:
+        print(f"no video: name one, or put recordings into {RECORDINGS}")
+        return
+    for quality in LANDMARKS:
+        measure(videos[0], quality)
+
+
+if __name__ == "__main__":
+    main()
