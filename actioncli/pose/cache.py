@@ -94,7 +94,7 @@ def keep(key: str, poses: Poses) -> None:
                     notes=np.array(poses.notes, dtype=np.str_),
                 )
             Path(part).replace(folder / (key + SUFFIX))
-        except OSError:
+        except BaseException:  # Ctrl-C, too, leaves nothing behind
             Path(part).unlink(missing_ok=True)
             raise
         _shrink(folder)

@@ -206,6 +206,30 @@ def test_what_watch_refuses(
     assert message in done.stderr
 
 
+def test_negatives_from_a_folder_of_videos(
+    invoke: Invoke, filled: SupportStore, waving: Path
+) -> None:
+    told = json.loads(
+        invoke("calibrate", "--negatives", waving.parent, "--dry-run", "--json").stdout
+    )
+    (own,) = [row for row in told["unknown"] if row["kind"] == "negatives"]
+    assert own["false_accepts"]["of"] == 1
+
+
+def test_several_processes_look_at_the_same_video(waving: Path, home: Path) -> None:
+    words = [sys.executable, "-m", "actioncli", "extract", str(waving), "--start", "0"]
+    running = [
+        subprocess.Popen([*words, "-o", str(home.parent / f"{n}.npz")], stderr=subprocess.PIPE)
+        for n in range(2)
+    ]
+    for process in running:
+        _, complaint = process.communicate(timeout=120)
+        assert process.returncode == 0, complaint
+    first, second = (read_clip(home.parent / f"{n}.npz").joints for n in range(2))
+    np.testing.assert_array_equal(first, second)
+    assert [path.suffix for path in (home / "poses").iterdir()] == [".npz"]
+
+
 def test_watch_needs_actions(invoke: Invoke) -> None:
     assert invoke("watch", "a.mp4").exit_code == 4
 

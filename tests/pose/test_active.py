@@ -97,3 +97,11 @@ def test_repetitions_are_counted() -> None:
     start, end, count = action_in(repeated(2, 5))
     assert count == 5
     assert end - start == pytest.approx(2, abs=0.1)
+
+
+def test_a_part_knows_when_it_begins() -> None:
+    clip = clip_of(np.ones(100))
+    part = cut(clip, 1, 3)
+    assert part.start == 1
+    assert part.duration == pytest.approx(2)
+    assert cut(part, 0.5, 1).start == pytest.approx(1.5)

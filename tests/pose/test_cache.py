@@ -62,6 +62,16 @@ def test_no_place_to_keep_is_no_error(tmp_path: Path, monkeypatch: pytest.Monkey
     assert cache.load("a") is None
 
 
+def test_ctrl_c_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cache.np, "savez_compressed", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cache.keep("a", poses())
+    assert list(cache.cache_folder().iterdir()) == []
+
+
 def test_no_pickle_is_read() -> None:
     cache.cache_folder().mkdir(parents=True)
     np.savez(cache.cache_folder() / "a.npz", times=np.array([object()], dtype=object))

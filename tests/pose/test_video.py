@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -156,6 +157,36 @@ def test_somebody_in_few_frames(waving: list[Image], tmp_path: Path) -> None:
 def test_one_frame(tmp_path: Path) -> None:
     with pytest.raises(ClipError, match="one frame"):
         read_video_clip(write_video(tmp_path / "one.mp4", numbered(1)))
+
+
+def test_no_frames(tmp_path: Path) -> None:
+    """A file whose header promises frames, and which ends there."""
+    path = write_video(tmp_path / "cut.avi", numbered(10), fourcc="MJPG")
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"movi") + 4])
+    with pytest.raises(ClipError, match=r"cut\.avi: (no frame could be decoded|not a video)"):
+        read_video_clip(path)
+
+
+def test_a_file_that_was_cut_off_is_told(waving: list[Image], tmp_path: Path) -> None:
+    path = write_video(tmp_path / "cut.avi", waving, 10, "MJPG")
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    (told,) = [note for note in read_video_clip(path, start=0).notes if "announces" in note]
+    assert re.match(r"the file announces 24 frames and 1\d could be decoded", told)
+
+
+def test_a_picture_of_8_million_pixels(waving: list[Image], tmp_path: Path) -> None:
+    large = [cv2.resize(image, (3840, 2160)) for image in waving[:3]]
+    poses = read_poses(write_video(tmp_path / "4k.avi", large, 10, "MJPG"), cache=False)
+    assert poses.size == (3840, 2160)
+    assert len(poses.times) == 3
+    assert (poses.points[:, 0] > 200).all()  # in pixels of that picture
+
+
+def test_an_end_after_the_end_is_the_end(waving_video: Path) -> None:
+    clip = read_video_clip(waving_video, start=1, end=100)
+    assert clip.duration == pytest.approx(1.3)
 
 
 def test_nothing_after_the_end(tmp_path: Path) -> None:
