@@ -306,14 +306,15 @@ class Recognizer:
             return shadowed, away, float(apart.confidence[0, nearest])
 
         # A clip that shows a negative is rejected as a whole; a window like one is left out.
-        shadowed, whole, confidence_of_whole = like_negative(0)
+        whole = like_negative(0)
+        shadowed, away, confidence_of_whole = whole
         if shadowed and confidence_of_whole > tau:
-            return 0, whole
+            return 0, away
         for row in order:
-            shadowed, away, _ = like_negative(row)
+            shadowed, away, _ = like_negative(row) if row else whole
             if not shadowed:
                 return row, away
-        return 0, whole
+        return 0, whole[1]
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else self.embed(clips)

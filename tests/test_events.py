@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from actioncli.clips.clip import Clip
 from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.read import read_clip
-from actioncli.events import STRIDE, Event, Sighting, Spotter, window_lengths
+from actioncli.events import STRIDE, Event, Sighting, Spotter
 from actioncli.recognizer import Recognizer
 from actioncli.threshold import Threshold
 
@@ -80,15 +79,6 @@ def test_a_short_doubt_does_not_end_it() -> None:
     wave, squat = [("wave", 0.9)], [("squat", 0.95), ("wave", 0.6)]
     events = Scripted().run(wave, wave, squat, wave, wave)
     assert [event.label for event in events] == ["wave"]
-
-
-def test_windows_reach_faster_and_slower() -> None:
-    windows = window_lengths([2.0, 3.0])
-    assert windows[0] == pytest.approx(1.4)
-    assert windows[-1] == pytest.approx(4.2)
-    assert all(1 < b / a < 1.5 for a, b in pairwise(windows))
-    assert window_lengths([0.1])[0] == pytest.approx(0.8)
-    assert window_lengths([600])[-1] == pytest.approx(8)
 
 
 def test_with_the_shipped_model() -> None:

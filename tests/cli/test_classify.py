@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from actioncli import Recognizer, SupportStore, read_clip
@@ -49,6 +51,29 @@ def test_json_says_what_the_library_says(invoke: Invoke, filled: SupportStore) -
         for key in ("distance", "probability", "confidence"):
             assert told_one[key] == pytest.approx(getattr(ranked, key), rel=1e-4, abs=1e-6)
     assert sum(ranked["probability"] for ranked in entry["ranking"]) == pytest.approx(1, abs=1e-4)
+
+
+def test_the_part_of_a_long_clip_is_told(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    clips = [read_clip(EXAMPLES / f"{name}.npz") for name in ("punch_right/dev", "squat/ben")]
+    before, squat = clips
+    joints = np.concatenate([before.joints, squat.joints, before.joints])
+    long = tmp_path / "long.npz"
+    np.savez(long, poses3d=joints, joint_names=squat.joint_names, fps=squat.fps, unit="m", up="y")
+    result = invoke("classify", long)
+    assert result.exit_code == 0, result.stdout
+    assert re.search(r"matched \d+\.\d s to \d+\.\d s, the surest of \d+ windows", result.stderr)
+    [entry] = json.loads(invoke("classify", long, "--json").stdout)["clips"]
+    assert entry["label"] == "squat"
+    assert 0 < entry["part"]["start"] < entry["part"]["end"] < (len(joints) - 1) / squat.fps
+    page = tmp_path / "why.html"
+    invoke("classify", long, "--explain", page)
+    text = page.read_text(encoding="utf-8")
+    assert "The clip is a window of a long one" in text
+    assert "the surest of" in text
+    [whole] = json.loads(invoke("classify", SQUAT, "--json").stdout)["clips"]
+    assert whole["part"] == {"start": 0, "end": pytest.approx(read_clip(SQUAT).duration, rel=1e-4)}
 
 
 def test_top_shortens_the_ranking(invoke: Invoke, filled: SupportStore) -> None:

@@ -23,6 +23,7 @@ def test_a_clip_is_frozen() -> None:
         clip.fps = 3  # type: ignore[misc]
     assert (len(clip), clip.fps, clip.notes) == (40, 25, ("a note",))
     assert clip.duration == pytest.approx(39 / 25)
+    assert clip.start == 0
     assert repr(clip) == "Clip(40 frames, 15 joints, 25 fps, 'here')"
 
 
