@@ -177,17 +177,14 @@ def write_annotation(reading: Reading, video: Path, output: Path, decision: Deci
     from actioncli.pose.annotate import annotate_video
     from actioncli.pose.video import read_poses
 
-    poses = read_poses(
-        video,
-        reading.start,
-        reading.end,
-        checked_quality(reading.quality),
-        reading.person,
-        reading.cache,
-    )
     sign = ">" if decision.confidence > decision.tau else "<="
     verdict = (
         f"rejected (nearest: {decision.nearest})" if decision.label is None else decision.label
     )
     lines = [verdict, f"confidence {decision.confidence:.2f} {sign} tau {decision.tau:.2f}"]
-    annotate_video(video, output, poses, lines)
+    quality = checked_quality(reading.quality)
+    asked = (reading.start, reading.end, quality, reading.person, reading.cache)
+    with video_progress(video, shown=reading.shown) as progress:
+        poses = read_poses(video, *asked, progress)
+    with video_progress(output, shown=reading.shown) as progress:
+        annotate_video(video, output, poses, lines, progress)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -15,6 +15,7 @@ from actioncli.pose.frames import VideoFile
 from actioncli.pose.poses import LONGEST_GAP, Poses, resample
 from actioncli.pose.region import Image
 from actioncli.pose.sides import JOINT_NAMES
+from actioncli.pose.video import Progress
 
 # Bones by name, with `?` for either side; left is drawn in one colour, right in another.
 _MIDDLE = ("lsho rsho", "lhip rhip")
@@ -38,11 +39,18 @@ def bones() -> list[tuple[int, int, tuple[int, int, int]]]:
     return found
 
 
-def annotate_video(video: Path, output: Path, poses: Poses, lines: Sequence[str]) -> int:
+def annotate_video(
+    video: Path,
+    output: Path,
+    poses: Poses,
+    lines: Sequence[str],
+    progress: Callable[[Progress], None] | None = None,
+) -> int:
     """Write an MP4 of the looked-at part of a video with the followed person's skeleton.
 
     Args:
         lines: text for the upper left corner. Letters that the font lacks become `?`.
+        progress: called now and then while frames are drawn.
 
     Returns:
         How many frames were written.
@@ -56,7 +64,10 @@ def annotate_video(video: Path, output: Path, poses: Poses, lines: Sequence[str]
     try:
         with tempfile.TemporaryDirectory(dir=output.parent, prefix=".annotate-") as scratch:
             part = Path(scratch, "part.mp4")
-            for frame in source.frames(float(poses.frames[0]), float(poses.frames[-1])):
+            start, end = float(poses.frames[0]), float(poses.frames[-1])
+            for looked, frame in enumerate(source.frames(start, end), 1):
+                if progress is not None:
+                    progress(Progress(looked, frame.time - start, end - start))
                 image = frame.image.copy()
                 _draw(image, poses, frame.time)
                 _write(image, lines)
@@ -66,8 +77,10 @@ def annotate_video(video: Path, output: Path, poses: Poses, lines: Sequence[str]
                     writer = cv2.VideoWriter(str(part), code, source.fps, size)
                     if not writer.isOpened():
                         raise ClipError(f"{output}: this OpenCV cannot write MP4 videos.")
-                writer.write(image)
-                count += 1
+                # The file's frame rate is constant: a frame stays until the next one's time.
+                while count <= round((frame.time - start) * source.fps):
+                    writer.write(image)
+                    count += 1
             if writer is not None:
                 writer.release()
                 part.replace(output)

@@ -10,8 +10,9 @@ from actioncli.pose.annotate import annotate_video, bones
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.poses import Poses
 from actioncli.pose.sides import JOINT_NAMES
+from actioncli.pose.video import Progress
 
-from .videos import numbered, write_video
+from .videos import numbered, slow_down_second_half, write_video
 
 
 def standing(frames: int) -> Poses:
@@ -38,6 +39,17 @@ def test_every_frame_with_a_skeleton(tmp_path: Path) -> None:
     assert len(images) == 12
     assert all(np.ptp(image[30:]) > 100 for image in images)  # the skeleton
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.mp4", "out.mp4"]
+
+
+def test_frames_that_last_longer_do_so_in_the_copy(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", numbered(12), 25)
+    slow_down_second_half(video, 3)
+    told: list[Progress] = []
+    annotate_video(video, tmp_path / "out.mp4", standing(24), ["wave"], told.append)
+    frames = list(VideoFile(tmp_path / "out.mp4").frames())
+    assert frames[-1].time == pytest.approx(0.84, abs=0.09)  # as in the original
+    assert [step.frames for step in told] == list(range(1, 12))
+    assert told[-1].seconds <= told[-1].total == pytest.approx(23 / 25)
 
 
 def test_only_the_part_that_was_looked_at(tmp_path: Path) -> None:
