@@ -17,6 +17,8 @@ from pathlib import Path
 from actioncli.errors import StoreError
 
 APPLICATION_ID = int.from_bytes(b"ACLI")
+# A file with less than SQLite's smallest page counts as an empty database there.
+_SMALLEST = 512
 
 
 @dataclass(frozen=True)
@@ -93,12 +95,15 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
 
     Raises:
         StoreError: another program's database, or one of a newer release.
+        sqlite3.DatabaseError: what is left of a database that was cut short.
     """
     (application,) = db.execute("PRAGMA application_id").fetchone()
     (version,) = db.execute("PRAGMA user_version").fetchone()
     if application == 0 and version == 0:
         (tables,) = db.execute("SELECT count(*) FROM sqlite_master").fetchone()
         if tables == 0:
+            if 0 < path.stat().st_size < _SMALLEST:
+                raise sqlite3.DatabaseError("the file is cut short")
             return 0
     if application != APPLICATION_ID or version < 1:
         raise StoreError(
