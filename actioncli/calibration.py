@@ -1,6 +1,7 @@
 """Which threshold suits a support set: false accepts and false rejects over tau, counted.
 
-Each clip is one query, answered as `Recognizer.classify` would answer it:
+Each clip is one query, answered as `Recognizer.classify` would answer it as a whole, for windows
+of long clips are made to accept as many unknown queries as whole clips do:
 
 - *known*: an enrolled example against the support set without that example. It needs another
   example of its action, so false rejects cannot be measured where every action has one.
