@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 # A look with a confidence this far from tau, or less, is near.
 NEAR = 0.1
 
+# Characters; a description has a few hundred.
+_LONGEST_DESCRIPTION = 10_000
+
 # A near miss is over after so many looks that are not near.
 _LOOKS_TO_END = 3
 
@@ -214,7 +217,8 @@ def kept_clips(folder: Path) -> list[Kept]:
         if not clip.is_file():
             continue
         try:
-            told = json.loads(description.read_text(encoding="utf-8"))
+            with description.open(encoding="utf-8") as file:
+                told = json.loads(file.read(_LONGEST_DESCRIPTION))
             found.append(
                 Kept(
                     file=clip,
@@ -227,7 +231,7 @@ def kept_clips(folder: Path) -> list[Kept]:
                     source=str(told["source"]),
                 )
             )
-        except (OSError, ValueError, TypeError, KeyError) as error:
+        except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
             raise UsageError(
                 f"{description}: damaged ({type(error).__name__}: {error}); delete it and its clip."
             ) from error

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from actioncli.errors import UsageError
+from actioncli.clips.formats.files import MEGABYTE, check_file, check_size
+from actioncli.errors import ClipError, UsageError
+
+# Some hundred thousand names of classes.
+_LARGEST = 8 * MEGABYTE
 
 PARTS = ("train", "benchmark", "excluded")
 
@@ -77,7 +82,11 @@ def read_splits(path: str | Path) -> Splits:
     """
     source = str(path)
     try:
+        check_file(Path(path))
+        check_size(Path(path), _LARGEST)
         parsed = json.loads(Path(path).read_text(encoding="utf-8"))
+    except ClipError as error:
+        raise UsageError(f"cannot read the splits: {error}") from error
     except OSError as error:
         raise UsageError(f"{source}: cannot read the splits: {error.strerror}.") from error
     except (ValueError, RecursionError) as error:
@@ -103,7 +112,7 @@ def _split(source: str, collection: str, parts: object) -> Split:
             raise UsageError(f"{where}: {part} must be a list of class names.")
         found[part] = tuple(classes)
     everything = [name for classes in found.values() for name in classes]
-    twice = sorted({name for name in everything if everything.count(name) > 1})
+    twice = sorted(name for name, times in Counter(everything).items() if times > 1)
     if twice:
         raise UsageError(f"{where} names {', '.join(twice)} more than once.")
     return Split(**found)

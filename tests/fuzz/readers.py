@@ -11,6 +11,8 @@ from __future__ import annotations
 import io
 import json
 import shutil
+import struct
+import warnings
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -104,7 +106,8 @@ def _unpack_zip(content: bytes) -> Parts:
 
 def _pack_zip(parts: Parts) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as file:
+    with warnings.catch_warnings(), zipfile.ZipFile(buffer, "w") as file:
+        warnings.simplefilter("ignore")  # of names that are there twice
         for name, content in zip(parts[::2], parts[1::2], strict=True):
             member = zipfile.ZipInfo(name.decode("utf-8", "replace").split("\0")[0] or "a")
             file.writestr(member, content)
@@ -221,7 +224,7 @@ def mutator(reader: Reader, mutate: Callable[[bytes, int], bytes]) -> Callable[.
                 packed = pack(parts)
                 if len(packed) <= max_size:
                     return packed
-            except (ValueError, ZeroDivisionError, RecursionError):
+            except (ValueError, ZeroDivisionError, RecursionError, struct.error):
                 pass
         return mutate(data, max_size)
 

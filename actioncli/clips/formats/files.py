@@ -53,7 +53,7 @@ def check_size(file: Path, limit: int) -> None:
     if size > limit:
         raise ClipError(
             f"{file}: has {size / MEGABYTE:.0f} MB, more than the {limit / MEGABYTE:.0f} MB "
-            "that a clip of this format may have; cut out the action."
+            "that a file of this kind may have; cut it down."
         )
 
 
