@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -27,7 +28,7 @@ from actioncli.cli.common import (
     used_threshold,
 )
 from actioncli.cli.explain import check_explanation, explain_decision
-from actioncli.cli.output import error_entry, number, printable, say, table, write_json
+from actioncli.cli.output import error_entry, number, printable, progress, say, table, write_json
 from actioncli.cli.video import (
     CacheOption,
     EndOption,
@@ -44,7 +45,14 @@ from actioncli.cli.video import (
 from actioncli.errors import ClipError, SupportError
 
 if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
     from actioncli.recognizer import Decision
+
+T = TypeVar("T")
+U = TypeVar("U")
+
+# Files of joints that are classified together.
+_BATCH = 32
 
 
 @command
@@ -144,20 +152,20 @@ def classify(
     entries: list[dict[str, object]] = []
     failed = rejected = 0
     streams = not settings.json and sys.stdout.isatty()
-    for path in each_clip(settings, clips, "Classifying", shown=not streams):
-        begun = time.perf_counter()
-        try:
-            clip = reading.read(path)
-            decision = recognizer.classify(clip, support, threshold.tau, negatives, durations)
-            decision = threshold.apply(decision)
-        except ClipError as unusable:
+
+    def decide(clips: Sequence[Clip]) -> list[Decision]:
+        found = recognizer.classify_all(clips, support, threshold.tau, negatives, durations)
+        return [threshold.apply(decision) for decision in found]
+
+    paths = list(each_clip(settings, clips, "", shown=False))
+    shown = not (streams or settings.quiet)
+    for path, outcome, milliseconds in _decided(paths, reading.read, decide, shown):
+        if isinstance(outcome, ClipError):
             failed += 1
-            report_bad_clip(unusable)
-            entries.append(
-                {"source": str(path), "error": error_entry(unusable, unusable.exit_code)}
-            )
+            report_bad_clip(outcome)
+            entries.append({"source": str(path), "error": error_entry(outcome, outcome.exit_code)})
             continue
-        milliseconds = (time.perf_counter() - begun) * 1e3
+        clip, decision = outcome
         if annotate is not None:
             write_annotation(reading, path, annotate, decision)
         if explain is not None:
@@ -183,6 +191,76 @@ def classify(
         raise typer.Exit(ClipError.exit_code)
     if rejected:
         raise typer.Exit(1)
+
+
+def _decided(
+    paths: Sequence[Path],
+    read: Callable[[Path], Clip],
+    decide: Callable[[Sequence[Clip]], list[Decision]],
+    shown: bool,
+) -> Iterator[tuple[Path, tuple[Clip, Decision] | ClipError, float]]:
+    """Read and decide, many files of joints at a time.
+
+    Args:
+        shown: whether to show a progress bar; a video has one of its own.
+
+    Returns:
+        Path, clip and decision (or what is wrong), and its share of the time, milliseconds.
+    """
+    from actioncli.media import is_video
+
+    videos = any(map(is_video, paths))
+    size = 1 if videos else _BATCH
+    batches = [paths[at : at + size] for at in range(0, len(paths), size)]
+    begun = time.perf_counter()
+    for batch, outcomes in _ahead(
+        lambda batch: (batch, [_or_error(read, path) for path in batch]),
+        progress(batches, "Classifying", shown=shown and not videos),
+        alone=videos or len(batches) == 1,
+    ):
+        clips = [clip for clip in outcomes if not isinstance(clip, ClipError)]
+        decisions: list[Decision | ClipError]
+        try:
+            decisions = [*decide(clips)] if clips else []
+        except ClipError:
+            # One of them lacks joints; the others are not to suffer for it.
+            decisions = [_or_error(lambda clip: decide([clip])[0], clip) for clip in clips]
+        milliseconds = (time.perf_counter() - begun) * 1e3 / len(batch)
+        decided = iter(decisions)
+        for path, clip in zip(batch, outcomes, strict=True):
+            if isinstance(clip, ClipError):
+                yield path, clip, milliseconds
+                continue
+            decision = next(decided)
+            found = decision if isinstance(decision, ClipError) else (clip, decision)
+            yield path, found, milliseconds
+        begun = time.perf_counter()
+
+
+def _ahead(work: Callable[[T], U], items: Iterable[T], alone: bool) -> Iterator[U]:
+    """Work on items; unless alone, on the next one in another thread while the caller is busy with
+    the last."""
+    if alone:
+        yield from map(work, items)
+        return
+    from concurrent.futures import Future, ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1) as thread:
+        coming: Future[U] | None = None
+        for item in items:
+            following = thread.submit(work, item)
+            if coming is not None:
+                yield coming.result()
+            coming = following
+        if coming is not None:
+            yield coming.result()
+
+
+def _or_error(work: Callable[[T], U], item: T) -> U | ClipError:
+    try:
+        return work(item)
+    except ClipError as unusable:
+        return unusable
 
 
 def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> dict[str, object]:

@@ -219,7 +219,9 @@ def attention(query_keys: Array, support_keys: Array, bias: Array = 0) -> Array:
         support's, columns divided by theirs that of the support's pairs to the query's.
     """
     xp = namespace(query_keys)
-    scores = query_keys @ xp.matrix_transpose(support_keys) / query_keys.shape[-1] ** 0.5 + bias
+    # Scaling the queries costs half of scaling the products.
+    scaled = query_keys / query_keys.shape[-1] ** 0.5
+    scores = scaled @ xp.matrix_transpose(support_keys) + bias
     # One largest score for rows and columns: normalised keys keep scores within ±√W.
     return xp.exp(scores - xp.max(scores, axis=(-2, -1), keepdims=True))
 
@@ -301,6 +303,8 @@ def layer_norm(x: Array, scale: Array, shift: Array) -> Array:
 
 def relu(x: Array) -> Array:
     """The positive part; `maximum` with a number is not in every version of the standard."""
+    if isinstance(x, np.ndarray):
+        return np.maximum(x, 0)
     xp = namespace(x)
     return x * xp.astype(x > 0, x.dtype)
 
