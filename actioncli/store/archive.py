@@ -4,7 +4,8 @@ It is a safetensors file, so that other programs can open it: a header (JSON) th
 tensors `0/joints` (T, J, 3), `0/confidence` (T, J), `1/joints`, ... one after the other, all
 float32 and little-endian. Its metadata holds the manifest (what the store knows of each example)
 and the manifest's SHA-256; the manifest holds the SHA-256 of each example's content. Between
-them, they cover every bit that matters.
+them, they cover every bit that matters. Version 2 adds the settings (the threshold that was
+calibrated on these examples), with their SHA-256; without any, version 1 is written.
 
 It is written and read here, not by the safetensors library, for two reasons: an example at a
 time is in memory, whatever the file's size; and reading is strict, for the only header that is
@@ -17,7 +18,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,10 +30,13 @@ from actioncli.store.location import sync_folder
 from actioncli.store.record import Record, check_outline, find_flaw
 
 FORMAT = "actioncli support set"
-VERSION = 1
+# The one without settings, and the one with them.
+VERSIONS = ("1", "2")
 # JSON takes up to 25 times its length in memory: this keeps a hostile header below half a GB.
 LARGEST_HEADER = 16 * 2**20
 LARGEST_ARCHIVE = 4 * 2**30
+# Far above a threshold for each of a thousand actions.
+LARGEST_SETTING = 2**18
 
 _FIELDS: dict[str, type] = {
     "label": str,
@@ -71,18 +75,24 @@ class Entry:
         return self.joints_size // 3 if self.confidence else 0
 
 
-def write_archive(path: Path, entries: Sequence[Entry], records: Iterable[Record]) -> None:
+def write_archive(
+    path: Path,
+    entries: Sequence[Entry],
+    records: Iterable[Record],
+    settings: Mapping[str, str] | None = None,
+) -> None:
     """Write an archive; the file appears whole or not at all, readable by its owner only.
 
     Args:
         path: the file; an archive that is there already is replaced, anything else is not.
         entries: what goes into the manifest, in order.
         records: the same examples with their bytes, taken one at a time.
+        settings: what goes with them, name to value.
 
     Raises:
         StoreError: not writable, too large, or something else of that name is there.
     """
-    header = json.dumps(_header(entries), ensure_ascii=False, separators=(",", ":")).encode()
+    header = _compact(_header(entries, settings)).encode()
     header += b" " * (-len(header) % 8)
     size = 8 + len(header) + sum(entry.joints_size + entry.confidence_size for entry in entries)
     if len(header) > LARGEST_HEADER or size > LARGEST_ARCHIVE:
@@ -132,10 +142,25 @@ def read_archive(path: Path) -> Iterator[Record]:
         raise system_fault(path, error, "cannot be read") from error
 
 
+def read_settings(path: Path) -> dict[str, str]:
+    """The settings of an archive, name to value; their meaning is not checked.
+
+    Raises:
+        StoreError: as `read_archive`.
+    """
+    try:
+        with path.open("rb") as file:
+            return _read_header(file, path.stat().st_size)[1]
+    except (_RefusedError, ActionCliError) as error:
+        raise StoreError(f"{path}: {error} Nothing was imported.") from error
+    except OSError as error:
+        raise system_fault(path, error, "cannot be read") from error
+
+
 def _records(file: BinaryIO, size: int, path: Path) -> Iterator[Record]:
     what = str(path)
     try:
-        entries = _read_header(file, size)
+        entries, _ = _read_header(file, size)
         for place, entry in enumerate(entries, 1):
             what = f"{path}, example {place}"
             joints = file.read(entry.joints_size)
@@ -155,7 +180,7 @@ class _RefusedError(Exception):
     """Why a file is not taken."""
 
 
-def _read_header(file: BinaryIO, size: int) -> list[Entry]:
+def _read_header(file: BinaryIO, size: int) -> tuple[list[Entry], dict[str, str]]:
     length = int.from_bytes(file.read(8), "little")
     if size < 10 or length > size - 8:
         raise _RefusedError("this is no export of a support set, or it was cut short.")
@@ -165,10 +190,10 @@ def _read_header(file: BinaryIO, size: int) -> list[Entry]:
     metadata = header.get("__metadata__") if isinstance(header, dict) else None
     if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
         raise _RefusedError("this is no export of a support set.")
-    if metadata.get("version") != str(VERSION):
+    if metadata.get("version") not in VERSIONS:
         raise _RefusedError(
             f"its format version is {ascii(metadata.get('version'))[:20]}, this release reads "
-            f"{VERSION}; update actioncli."
+            f"{' and '.join(VERSIONS)}; update actioncli."
         )
     text = metadata.get("examples")
     if not isinstance(text, str) or metadata.get("sha256") != _sha256(text):
@@ -177,11 +202,31 @@ def _read_header(file: BinaryIO, size: int) -> list[Entry]:
     if not isinstance(manifest, list):
         raise _RefusedError("its list of examples is no list.")
     entries = [_entry(fields) for fields in manifest]
-    if header != _header(entries):
+    settings = _settings(metadata) if metadata["version"] == VERSIONS[1] else {}
+    if header != _header(entries, settings):
         raise _RefusedError("its header does not fit its list of examples.")
     if size != 8 + length + sum(entry.joints_size + entry.confidence_size for entry in entries):
         raise _RefusedError("it was cut short, or something was appended.")
-    return entries
+    return entries, settings
+
+
+def _settings(metadata: dict[str, Any]) -> dict[str, str]:
+    text = metadata.get("settings")
+    if not isinstance(text, str) or metadata.get("settings_sha256") != _sha256(text):
+        raise _RefusedError("its settings are damaged.")
+    settings = _parse(text)
+    if not isinstance(settings, dict) or not settings:
+        raise _RefusedError("its settings are no settings.")
+    for name, value in settings.items():
+        if not isinstance(value, str) or max(len(name), len(value)) > LARGEST_SETTING:
+            raise _RefusedError("a setting of its is no text, or too long.")
+        if not (name.isprintable() and value.isprintable()):
+            raise _RefusedError("a setting of its is not printable.")
+    return settings
+
+
+def _compact(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
 
 def _parse(text: str | bytes) -> Any:
@@ -208,21 +253,23 @@ def _entry(fields: Any) -> Entry:
     return Entry(record, confidence)
 
 
-def _header(entries: Sequence[Entry]) -> dict[str, Any]:
+def _header(entries: Sequence[Entry], settings: Mapping[str, str] | None = None) -> dict[str, Any]:
     """The safetensors header of an archive."""
     manifest = [
         {name: getattr(entry.record, name) for name in _FIELDS} | {"confidence": entry.confidence}
         for entry in entries
     ]
-    text = json.dumps(manifest, ensure_ascii=False, separators=(",", ":"))
-    header: dict[str, Any] = {
-        "__metadata__": {
-            "format": FORMAT,
-            "version": str(VERSION),
-            "examples": text,
-            "sha256": _sha256(text),
-        }
+    text = _compact(manifest)
+    metadata = {
+        "format": FORMAT,
+        "version": VERSIONS[bool(settings)],
+        "examples": text,
+        "sha256": _sha256(text),
     }
+    if settings:
+        kept = _compact(dict(sorted(settings.items())))
+        metadata |= {"settings": kept, "settings_sha256": _sha256(kept)}
+    header: dict[str, Any] = {"__metadata__": metadata}
     offset = 0
     for place, entry in enumerate(entries):
         shape = [entry.record.frames, len(entry.record.joint_names)]

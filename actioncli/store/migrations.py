@@ -90,6 +90,20 @@ def setting_crc(name: str, value: str) -> int:
     return zlib.crc32(f"{name}\0{value}".encode("utf-8", "surrogatepass"))
 
 
+def intact_setting(name: object, value: object, crc: object) -> bool:
+    """Whether a setting is what was set."""
+    texts = isinstance(name, str) and isinstance(value, str)
+    return texts and setting_crc(str(name), str(value)) == crc
+
+
+def put_setting(db: sqlite3.Connection, name: str, value: str) -> None:
+    """Set a setting."""
+    db.execute(
+        "INSERT OR REPLACE INTO settings (name, value, crc) VALUES (?, ?, ?)",
+        (name, value, setting_crc(name, value)),
+    )
+
+
 def schema_version(db: sqlite3.Connection, path: Path) -> int:
     """How many migrations the database has seen; 0 for an empty one.
 
@@ -118,7 +132,7 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
     if not _as_made(db, int(version)):
         raise StoreError(
             f"{path}: its tables are not as actioncli makes them, so it was changed by another "
-            "program, or on purpose. See `actioncli doctor`, or start anew from an export."
+            "program, or on purpose. `actioncli doctor --repair` takes over what is whole in it."
         )
     return int(version)
 

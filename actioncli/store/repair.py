@@ -24,7 +24,7 @@ from actioncli.store.database import writing
 from actioncli.store.examples import place
 from actioncli.store.faults import system_fault
 from actioncli.store.location import exists, sync_folder
-from actioncli.store.migrations import MIGRATIONS, schema_of, setting_crc
+from actioncli.store.migrations import MIGRATIONS, put_setting, schema_of
 from actioncli.store.salvage import Gone, Salvage, salvage
 
 # Seconds that a reader or a short write may take to leave the store alone.
@@ -158,10 +158,8 @@ def _salvage(copy: Path, whole: Path, path: Path) -> Salvage:
                 f"{path}: nothing of a support set was found in it, and it was left as it is. Move "
                 "it away to begin anew, or name another file with --store or ACTIONCLI_HOME."
             )
-        db.executemany(
-            "INSERT INTO settings (name, value, crc) VALUES (?, ?, ?)",
-            [(name, value, setting_crc(name, value)) for name, value in found.settings.items()],
-        )
+        for name, value in found.settings.items():
+            put_setting(db, name, value)
         # What was lost gives its number to no other example either.
         db.execute("DELETE FROM sqlite_sequence WHERE name = 'examples'")
         db.execute("INSERT INTO sqlite_sequence VALUES ('examples', ?)", (found.last,))

@@ -28,7 +28,7 @@ from actioncli.store.examples import (
     require_label,
 )
 from actioncli.store.location import exists, folder_open_to_others, open_to_others, store_path
-from actioncli.store.migrations import setting_crc
+from actioncli.store.migrations import intact_setting, put_setting
 from actioncli.store.names import check_label
 
 if TYPE_CHECKING:
@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.store.record import Record
     from actioncli.store.repair import Repair
+
+# Clips that are embedded before their embeddings are kept.
+_AT_ONCE = 256
 
 __all__ = ["Action", "Enrolled", "Example", "SupportStore"]
 
@@ -212,23 +215,31 @@ class SupportStore:
             if db is None:
                 return {}
             labels, found = read_embeddings(db, weights_checksum, negative)
-            missing = {
-                example: read_record(db, self.path, example)
-                for example in labels
-                if example not in found
+        missing = [example for example in labels if example not in found]
+        for start in range(0, len(missing), _AT_ONCE):
+            with reading(self.path) as db:
+                records = {
+                    example: read_record(db, self.path, example)
+                    for example in missing[start : start + _AT_ONCE]
+                    if db
+                    and db.execute("SELECT 1 FROM examples WHERE id = ?", (example,)).fetchone()
+                }
+            # The store is not locked while embeddings are computed.
+            fresh = {
+                example: np.asarray(embed([record.clip()])[0], "<f4")
+                for example, record in records.items()
             }
-        # The store is not locked while embeddings are computed.
-        fresh = {
-            example: np.asarray(embed([record.clip()])[0], "<f4")
-            for example, record in missing.items()
-        }
-        if fresh:
             keep_embeddings(self.path, weights_checksum, negative, labels, fresh)
-        by_label: dict[str, list[NDArray[np.float32]]] = {}
+            found |= fresh
+        by_label: dict[str, list[int]] = {}
         for example, label in labels.items():
-            embedding = found[example] if example in found else fresh[example]
-            by_label.setdefault(label, []).append(embedding)
-        return {label: np.stack(by_label[label]) for label in sorted(by_label)}
+            if example in found:
+                by_label.setdefault(label, []).append(example)
+        # Ten thousand take 350 MB: each goes as soon as its copy stands beside those of its label.
+        return {
+            label: np.stack([found.pop(example) for example in by_label[label]])
+            for label in sorted(by_label)
+        }
 
     def remove(self, label: str, example: int | None = None) -> int:
         """Forget a label, or one example of it; how many examples are gone.
@@ -284,7 +295,7 @@ class SupportStore:
             return db.execute("DELETE FROM examples").rowcount
 
     def export(self, path: str | Path) -> int:
-        """Write all examples to one portable file; how many there are.
+        """Write all examples to one portable file, and the settings; how many examples there are.
 
         The format is described in `actioncli.store.archive`. An older export of that name is
         replaced, any other file is not.
@@ -303,24 +314,33 @@ class SupportStore:
                 Path(path).absolute(),
                 [Entry(outline, confidence) for _, outline, confidence in outlines],
                 (read_record(db, self.path, example) for example, _, _ in outlines),
+                self._settings(db),
             )
         return len(outlines)
 
     def import_(self, path: str | Path) -> tuple[int, int]:
         """Add the examples of an export; how many were added, and how many were there already.
 
-        All of them or none: a file that is damaged or hostile is refused whole.
+        All of them or none: a file that is damaged or hostile is refused whole. A store without
+        examples and settings takes those of the file too, and then decides as the other one did;
+        a threshold that was measured on other examples would be wrong.
 
         Raises:
             StoreError: the file cannot be read as an export, or clashes with the store.
         """
-        from actioncli.store.archive import read_archive
+        from actioncli.store.archive import read_archive, read_settings
 
         path = Path(path).absolute()
         # Once to the end before the store is created or locked, and once more to add.
         if sum(1 for _ in read_archive(path)) == 0:
             return 0, 0
         with writing(self.path) as db:
+            if not any(
+                db.execute(f"SELECT 1 FROM {table} LIMIT 1").fetchone()
+                for table in ("examples", "settings")
+            ):
+                for name, value in read_settings(path).items():
+                    put_setting(db, name, value)
             try:
                 outcomes = [insert(db, record).added for record in read_archive(path)]
             except UsageError as error:
@@ -334,19 +354,7 @@ class SupportStore:
             StoreError: it is not what was set.
         """
         with reading(self.path) as db:
-            row = (
-                db
-                and db.execute("SELECT value, crc FROM settings WHERE name = ?", (name,)).fetchone()
-            )
-        if not row:
-            return None
-        value, crc = row
-        if not isinstance(value, str) or setting_crc(name, value) != crc:
-            raise StoreError(
-                f"{self.path}: the calibrated {name} is damaged; `actioncli calibrate --reset` "
-                "forgets it."
-            )
-        return value
+            return self._settings(db, name).get(name) if db else None
 
     def set_setting(self, name: str, value: str | None) -> None:
         """Remember a value; None forgets it, if there is one."""
@@ -361,10 +369,7 @@ class SupportStore:
             if value is None:
                 db.execute("DELETE FROM settings WHERE name = ?", (name,))
             else:
-                db.execute(
-                    "INSERT OR REPLACE INTO settings (name, value, crc) VALUES (?, ?, ?)",
-                    (name, value, setting_crc(name, value)),
-                )
+                put_setting(db, name, value)
 
     def check(self) -> list[str]:
         """What is wrong with the store, a line for each problem; empty where all is well.
@@ -421,10 +426,28 @@ class SupportStore:
             except StoreError as error:
                 yield str(error)
         for name, value, crc in db.execute("SELECT name, value, crc FROM settings"):
-            if not isinstance(value, str) or setting_crc(name, value) != crc:
+            if not intact_setting(name, value, crc):
                 yield f"{self.path}: the calibrated {name} is damaged; it is not used."
         for example in damaged_embeddings(db):
             yield f"{self.path}: the embedding of example {example} is damaged; it is not used."
+
+    def _settings(self, db: sqlite3.Connection, only: str | None = None) -> dict[str, str]:
+        """All settings, or the one of a name.
+
+        Raises:
+            StoreError: one is not what was set.
+        """
+        settings = {}
+        for name, value, crc in db.execute(
+            "SELECT name, value, crc FROM settings WHERE ?1 IS NULL OR name = ?1", (only,)
+        ):
+            if not intact_setting(name, value, crc):
+                raise StoreError(
+                    f"{self.path}: the calibrated {name} is damaged; `actioncli calibrate --reset` "
+                    "forgets it."
+                )
+            settings[name] = value
+        return settings
 
     def _records(self, negative: bool) -> list[Record]:
         with reading(self.path) as db:
