@@ -1,0 +1,60 @@
+"""`watch --exec`: what a label holds never becomes part of a command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from actioncli.cli.watch import _Runner
+from actioncli.errors import UsageError
+from actioncli.events import Event
+
+LABELS = [
+    "$(touch pwned)", "`touch pwned`", "; touch pwned", "| touch pwned", "&& touch pwned",
+    "> pwned", "'; touch pwned; '", '"; touch pwned; "', "${IFS}", "$ACTIONCLI_START", "--help",
+    "%PATH%", "*", "~", "\\", "#", "a b", "挥手",
+]  # fmt: skip
+# Writes its arguments and what it was told, as JSON.
+PROGRAM = """
+import json, os, sys
+told = {key: value for key, value in os.environ.items() if key.startswith("ACTIONCLI_")}
+open("told", "w").write(json.dumps([sys.argv[1:], told]))
+"""
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_a_label_arrives_as_it_is_in_the_environment_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, label: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("program.py").write_text(PROGRAM)
+    run = _Runner(f"{sys.executable} program.py 'a b' $ACTIONCLI_LABEL ;")
+    run(Event(label, 1.0, 2.5, 0.75))
+    run.wait()
+    arguments, told = json.loads(Path("told").read_text())
+    # No shell reads the command either: what looks like a variable is a word.
+    assert arguments == ["a b", "$ACTIONCLI_LABEL", ";"]
+    assert told["ACTIONCLI_LABEL"] == label
+    assert told["ACTIONCLI_CONFIDENCE"] == "0.750"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["program.py", "told"]
+
+
+def test_a_shell_that_the_user_asks_for_gets_the_label_as_a_variable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As SECURITY.md says how: quoted, it is one word."""
+    monkeypatch.chdir(tmp_path)
+    run = _Runner("""sh -c 'printf %s "$ACTIONCLI_LABEL" > told'""")
+    run(Event("$(touch pwned); `touch pwned`", 1.0, 2.5, 0.75))
+    run.wait()
+    assert Path("told").read_text() == "$(touch pwned); `touch pwned`"
+    assert not Path("pwned").exists()
+
+
+@pytest.mark.parametrize("line", ["", "  ", "no-such-program-anywhere", "echo 'open"])
+def test_what_is_no_command_is_told_before_anything_is_watched(line: str) -> None:
+    with pytest.raises(UsageError, match="--exec"):
+        _Runner(line)
