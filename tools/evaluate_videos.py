@@ -113,7 +113,7 @@ def watched(path: Path, spotter: Spotter, quality: str) -> list[Event]:
     """The events in a video."""
     poses = PoseStream(quality, seconds=max(spotter.windows) + 1)
     events, looked = [], -STRIDE
-    for frame in file_frames(path):
+    for frame in file_frames(VideoFile(path)):
         poses.add(frame)
         if frame.time - looked >= STRIDE:
             looked = frame.time

@@ -17,6 +17,7 @@ from actioncli.cli.video import (
     PoseOption,
     QualityOption,
     StartOption,
+    check_place,
     checked_quality,
     chosen_pose_model,
     video_progress,
@@ -122,7 +123,8 @@ def _targets(paths: list[Path], output: Path, format: str | None) -> list[Path]:
     """The file to write for each video.
 
     Raises:
-        UsageError: the format is unknown, or a file would be written twice or over a video.
+        UsageError: the format is unknown, there is no such folder, or a file would be written
+            twice or over a video.
     """
     from actioncli.clips.write import WRITERS
 
@@ -134,6 +136,7 @@ def _targets(paths: list[Path], output: Path, format: str | None) -> list[Path]:
                 f"{output}: its name does not say how to write it; end it in "
                 f"{', '.join('.' + kind for kind in WRITERS)}, or give --format."
             )
+        check_place(output)
         targets = [output]
     else:
         try:

@@ -30,7 +30,7 @@ from actioncli.errors import ClipError, SupportError, UsageError
 
 if TYPE_CHECKING:
     from actioncli.events import Event, Spotter
-    from actioncli.pose.frames import Frame
+    from actioncli.pose.frames import Frame, VideoFile
     from actioncli.pose.stream import LiveSource, PoseStream
     from actioncli.recorder import Recorder
 
@@ -131,11 +131,14 @@ def _events(
 
     poses = PoseStream(quality, seconds=max(spotter.windows) + 1)
     looked = -STRIDE
+    count = seen = 0
     lost: ClipError | None = None
-    with _frames(source) as (frames, live), _view(settings) as view:
+    with _frames(source) as (frames, origin), _view(settings) as view:
         try:
             for frame in frames:
                 poses.add(frame)
+                count += 1
+                seen += poses.body is not None
                 if frame.time - looked >= STRIDE:
                     looked = frame.time
                     clip = poses.clip()
@@ -144,9 +147,8 @@ def _events(
                     if recorder is not None:
                         busy = spotter.current is not None
                         recorder.look(clip, frame.time, spotter.ranking, over, busy)
-                view.show(frame, poses, spotter, live)
-            if live is not None:
-                settings.tell(f"note: {printable(source)}: the stream has ended")
+                view.show(frame, poses, spotter, origin)
+            _tell_end(settings, source, origin, count, seen)
         except KeyboardInterrupt:
             pass
         except ClipError as error:
@@ -159,13 +161,38 @@ def _events(
         raise lost
 
 
+def _tell_end(
+    settings: Settings, source: str, origin: VideoFile | LiveSource, count: int, seen: int
+) -> None:
+    """What is to be told at the end: `count` frames came, and `seen` of them showed somebody.
+
+    Raises:
+        ClipError: there was nothing to watch.
+    """
+    from actioncli.pose.frames import VideoFile
+
+    if isinstance(origin, VideoFile):
+        if count < 2:
+            frames = "one frame" if count else "no frame that can be decoded"
+            raise ClipError(f"{source}: {frames}; an action needs a moving sequence.")
+        shortfall = origin.shortfall()
+        if shortfall is not None:
+            settings.tell(f"note: {printable(source)}: {shortfall}")
+    else:
+        settings.tell(f"note: {printable(source)}: the stream has ended")
+    if not seen:
+        settings.tell(f"note: {printable(source)}: nobody was seen in any of {count} frames")
+
+
 @contextlib.contextmanager
-def _frames(source: str) -> Iterator[tuple[Iterator[Frame], LiveSource | None]]:
+def _frames(source: str) -> Iterator[tuple[Iterator[Frame], VideoFile | LiveSource]]:
     """Frames of a file, or of a live source that is closed at the end."""
+    from actioncli.pose.frames import VideoFile
     from actioncli.pose.stream import LiveSource, file_frames
 
     if not (source.isdecimal() or "://" in source):
-        yield file_frames(Path(source)), None
+        video = VideoFile(Path(source))
+        yield file_frames(video), video
         return
     live = LiveSource(int(source) if source.isdecimal() else source)
     try:
@@ -237,24 +264,31 @@ class _Nothing:
 
 
 class _Screen:
-    """Frame rate, whether the body is in view, and the current ranking, on standard error."""
+    """Frame rate, time left, whether the body is in view, and the ranking, on standard error."""
 
     def __init__(self, live: Any) -> None:
         self._live = live
+        self._start = time.monotonic()
         self._times: list[float] = []
 
     def show(
-        self, frame: Frame, poses: PoseStream, spotter: Spotter, source: LiveSource | None
+        self, frame: Frame, poses: PoseStream, spotter: Spotter, origin: VideoFile | LiveSource
     ) -> None:
         """Draw; rich limits how often that reaches the terminal."""
         from rich.text import Text
 
+        from actioncli.pose.frames import VideoFile
+
         now = time.monotonic()
         self._times = [*self._times[-30:], now]
         rate = (len(self._times) - 1) / max(now - self._times[0], 1e-3)
-        dropped = f", {source.dropped} dropped" if source is not None else ""
+        if isinstance(origin, VideoFile):
+            left = (now - self._start) * max(origin.duration / max(frame.time, 1e-3) - 1, 0)
+            told = f"{left:.0f} s left" if origin.duration else ""
+        else:
+            told = f"{origin.dropped} dropped"
         who = "following" if poses.body is not None else "nobody in view"
-        lines = [f"{frame.time:7.1f} s   {rate:4.1f} frames/s{dropped}   {who}"]
+        lines = [f"{frame.time:7.1f} s   {rate:4.1f} frames/s   {told}   {who}"]
         lines += [
             f"  {printable(seen.label):<24} {seen.confidence:4.2f} "
             f"{'#' * round(20 * seen.confidence)}"

@@ -69,6 +69,8 @@ class VideoFile:
             ClipError: no such file, not readable, or not a video.
         """
         self.path = path
+        if path.is_dir():
+            raise ClipError(f"{path}: is a folder; a video is needed, or a folder that holds some.")
         try:
             with path.open("rb") as file:
                 empty = not file.read(1)
@@ -87,7 +89,7 @@ class VideoFile:
         fps = self._capture.get(cv2.CAP_PROP_FPS)
         # A browser's recording has frames that come when they come: 1000 is its clock's rate.
         clock = fps >= HIGHEST_FPS
-        self.fps = float(fps) if 0 < fps and not clock else USUAL_FPS
+        self.fps = float(fps) if fps > 0 and not clock else USUAL_FPS
         count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         known = math.isfinite(count) and count > 0
         self.announced = int(count) if known and not clock else 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,6 +18,8 @@ from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.tracker import Tracker
 from actioncli.pose.video import SAMPLING_RATE
 
+# OpenCV takes larger numbers for other things, and crashes on some.
+_LAST_CAMERA = 99
 # Seconds without a new frame after which a live source counts as gone.
 _PATIENCE = 5.0
 # Seconds that a frame under way may take when the source is closed.
@@ -39,6 +40,8 @@ class LiveSource:
             ClipError: it cannot be opened.
         """
         self._name = f"camera {source}" if isinstance(source, int) else source
+        if isinstance(source, int) and not 0 <= source <= _LAST_CAMERA:
+            raise ClipError(f"{self._name}: there is none; cameras are numbered from 0.")
         backend = cv2.CAP_ANY if isinstance(source, int) else cv2.CAP_FFMPEG
         self._capture = opened(source, backend)
         if not self._capture.isOpened():
@@ -162,6 +165,6 @@ class PoseStream:
             return None
 
 
-def file_frames(path: Path) -> Iterator[Frame]:
+def file_frames(video: VideoFile) -> Iterator[Frame]:
     """Frames of a video file at the rate that recognition needs; the same on every run."""
-    return VideoFile(path).frames(rate=SAMPLING_RATE)
+    return video.frames(rate=SAMPLING_RATE)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
 import shlex
 import signal
@@ -21,9 +23,10 @@ from pose.videos import streamed
 from actioncli import SupportStore, read_clip
 from actioncli.cli import camera
 from actioncli.pose import stream
+from actioncli.pose.active import cut
 from actioncli.pose.frames import Frame, VideoFile
 
-from .conftest import Invoke
+from .conftest import EXAMPLES, Invoke
 
 ROOT = Path(__file__).parents[2]
 
@@ -66,6 +69,7 @@ def test_annotate(invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: 
         (["a.mp4", "b.mp4", "--annotate", "c.mp4"], "draws on one video"),
         (["a.mp4", "--annotate", "b.avi"], "end in .mp4"),
         (["a.mp4", "--annotate", "a.mp4"], "the video itself"),
+        (["a.mp4", "--annotate", "no/b.mp4"], "there is no folder no."),
         (["a.mp4", "--quality", "best"], "--quality is fast or accurate"),
     ],
 )
@@ -109,6 +113,7 @@ def test_extract_several(invoke: Invoke, waving: Path, tmp_path: Path) -> None:
         (["a.mp4", "-o", "a.xyz"], "does not say how to write it"),
         (["a.mp4", "-o", "a.npz", "--format", "xyz"], "--format is one of"),
         (["a.mp4", "b/a.mp4", "-o", "{}"], "have this name"),
+        (["a.mp4", "-o", "{}/no/a.npz"], "there is no folder"),
     ],
 )
 def test_what_extract_refuses(
@@ -196,6 +201,8 @@ def test_watch_keeps_what_it_told(
         (["a.mp4", "--exec", "'"], 2, "is no command"),
         (["a.mp4"], 3, "No such file"),
         (["99"], 3, "camera 99: cannot be opened"),
+        (["99999999999999999999"], 3, "there is none; cameras are numbered from 0"),
+        (["."], 3, "is a folder; a video is needed"),
     ],
 )
 def test_what_watch_refuses(
@@ -228,6 +235,44 @@ def test_several_processes_look_at_the_same_video(waving: Path, home: Path) -> N
     first, second = (read_clip(home.parent / f"{n}.npz").joints for n in range(2))
     np.testing.assert_array_equal(first, second)
     assert [path.suffix for path in (home / "poses").iterdir()] == [".npz"]
+
+
+def test_watch_tells_what_there_was_not(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    picture, empty = tmp_path / "one.png", tmp_path / "empty.avi"
+    cv2.imwrite(str(picture), np.zeros((64, 64, 3), np.uint8))
+    done = invoke("watch", picture)
+    assert done.exit_code == 3
+    assert "one.png: one frame; an action needs a moving sequence" in done.stderr
+    writer = cv2.VideoWriter(str(empty), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 64))
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        writer.write(random.integers(0, 255, (64, 64, 3), np.uint8))
+    writer.release()
+    empty.write_bytes(empty.read_bytes()[: empty.stat().st_size // 2])
+    done = invoke("watch", empty)
+    assert (done.exit_code, done.stdout) == (0, "")
+    assert "the file announces 20 frames and" in done.stderr
+    assert "nobody was seen in any of" in done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
+def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) -> None:
+    store.enroll("squat", cut(read_clip(EXAMPLES / "squat" / "ada.npz"), 0.5, 1.5))
+    terminal, side = os.openpty()
+    words = [sys.executable, "-m", "actioncli", "watch", str(waving), "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=side) as watching:
+        os.close(side)
+        shown = b""
+        with contextlib.suppress(OSError):  # how Linux tells that the other side is closed
+            while part := os.read(terminal, 65536):
+                shown += part
+    os.close(terminal)
+    assert watching.returncode == 0
+    text = shown.decode()
+    assert re.search(r"\d+\.\d s +\d+\.\d frames/s +\d+ s left +following", text), text
+    assert re.search(r"squat +[01]\.\d\d", text)
 
 
 def test_watch_needs_actions(invoke: Invoke) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from actioncli.errors import ClipError
 from actioncli.pose import stream as streams
-from actioncli.pose.frames import Frame
+from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.stream import LiveSource, PoseStream, file_frames
 
 from .videos import number, numbered, real_frames, streamed, write_video
@@ -66,9 +66,15 @@ def test_no_camera() -> None:
         LiveSource(99)
 
 
+@pytest.mark.parametrize("number", [-1, 100, 10**20])
+def test_no_such_number(number: int) -> None:
+    with pytest.raises(ClipError, match="there is none; cameras are numbered from 0"):
+        LiveSource(number)
+
+
 def test_a_file_is_the_same_every_time(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mp4", numbered(40), 30)
-    first, second = ([frame.time for frame in file_frames(path)] for _ in range(2))
+    first, second = ([frame.time for frame in file_frames(VideoFile(path))] for _ in range(2))
     assert first == second
     assert len(first) == 20
 
