@@ -2,31 +2,34 @@
 
     python tools/fit_score.py FOLDER --splits FILE --work FOLDER [--steps 3000]
 
-FOLDER holds the collections. Two models are trained, each without three collections and without
-what looks like their actions elsewhere; then each is asked about the train classes of those three,
-which it has never seen, by performers, sensors and actions. Logistic regression on the queries and
-their nearest actions, as many unknown queries as known ones, gives the weights; the bias is where
-as many unknown queries are accepted as known ones rejected, mean over collections. Benchmark
-classes are not touched. About ten minutes a model on one core; finished models are kept in --work.
+FOLDER holds the collections. A model is trained for each fold of tools/folds.py and asked about
+the actions that the fold holds back: of sensors that it knows, and of sensors that it does not.
+Every clip is asked about as it was recorded and as a simulated camera sees it (tools/monocular.py).
+Logistic regression on the queries and their nearest actions, as many unknown queries as known
+ones, gives the weights; the bias is where as many unknown queries are accepted as known ones
+rejected, mean over collections. Benchmark classes are not touched. About ten minutes a model on
+one core; finished models are kept in --work.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from fnmatch import fnmatch
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from folds import FOLDS, fold_splits, read_folder, thinned
+from monocular import estimated
 from numpy.typing import NDArray
+from robustness import disturbed
 from torch.nn import functional
 
-from actioncli.clips.collection import Collection, read_collection
+from actioncli.clips.collection import Collection
 from actioncli.evaluation.episodes import Protocol, Sampler, possible_ways
-from actioncli.evaluation.metrics import reliability
-from actioncli.evaluation.splits import Split, Splits, read_splits
+from actioncli.evaluation.metrics import pooled, reliability
+from actioncli.evaluation.splits import Splits
 from actioncli.model import compare
 from actioncli.model.compare import sigmoid
 from actioncli.recognizer import Recognizer
@@ -36,38 +39,7 @@ from actioncli.training.loop import train
 from actioncli.training.recipes import RECIPES
 from actioncli.training.validation import Validation
 
-# Collections that a model does without, and what looks like their actions in the others.
-FOLDS: Mapping[str, tuple[Sequence[str], Mapping[str, Sequence[str]]]] = {
-    "B": (
-        ("kard", "msr_action3d", "ui_prmd_vicon"),
-        {
-            "kinder_gator": ["walk*"],
-            "utd_mhad": ["walk", "catch", "tennis_serve"],
-            "msrc12": ["lift_outstretched_arms"],
-            "bandai_namco": ["walk*", "dash", "bye*", "wave*"],
-            "cad60": ["drinking_water"],
-            "cmu_mocap_subset": ["*walk*"],
-            "cc0_animations": [
-                "walk*", "skeletons_walking", "lie_standup", "skeletons_awaken_standing",
-                "waving", "thow_object", "consume_item",
-            ],
-        },
-    ),
-    "K": (
-        ("kinder_gator", "utd_mhad", "msrc12"),
-        {
-            "kard": ["walk", "draw_tick"],
-            "msr_action3d": ["tennis_serve", "tennis_swing", "hand_catch"],
-            "ui_prmd_vicon": ["standing_straight_leg_raise"],
-            "bandai_namco": ["walk*", "dash"],
-            "cmu_mocap_subset": ["*walk*", "*basketball*shoot*"],
-            "cc0_animations": [
-                "walk*", "skeletons_walking", "ranged_1h_shoot*", "pistol_shoot",
-            ],
-        },
-    ),
-}  # fmt: skip
-EPISODES, WAYS = 100, 5
+EPISODES, WAYS, CLIPS = 60, 5, 2
 # Weights by which the nearest action is found while the constants are fitted.
 START = np.array([1.7, 3.7, 6.1, 0.2])
 
@@ -75,64 +47,81 @@ START = np.array([1.7, 3.7, 6.1, 0.2])
 # below zero, but of -0.13, 0 and 0.1 the last did best (OSCR .757, .759, .760).
 DISCRIMINATOR = 0.1
 
-# Terms (M, 4), whether the nearest action is right (M,), whether the query is known (M,), weights.
-Samples = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+# How much what the simulated camera sees counts beside what was recorded.
+CAMERA = 1 / 3
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Queries of one collection's episodes and the action nearest to each.
+
+    Attributes:
+        terms: (M, 4) what the score's weights multiply.
+        hit: (M,) whether the nearest action is right.
+        known: (M,) whether the query shows an enrolled action.
+        weight: of the whole.
+        name: fold, collection and view.
+    """
+
+    terms: NDArray[np.float64]
+    hit: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+    weight: float
+    name: tuple[str, str, str]
 
 
 def trained(
     fold: str, collections: Sequence[Collection], splits: Splits, out: Path, steps: int
 ) -> Path:
-    """Weights of a model that never saw the fold's collections."""
-    if out.exists():
-        return out
-    without, alike = FOLDS[fold]
-    kept = {
-        name: Split(
-            tuple(
-                label
-                for label in split.train
-                if name not in without
-                and not any(fnmatch(label, pattern) for pattern in alike.get(name, ()))
-            ),
-            (),
-            (),
-        )
-        for name, split in splits.by_collection.items()
-    }
-    data, held = hold_out(training_set(collections, Splits(f"fold {fold}", kept)), 0)
-    recipe = replace(RECIPES["default"], steps=steps)
-    names = [collection.name for collection in collections]
-    return train(recipe, data, Validation(held, 0), out, 0, names)
+    """Weights of a model that never saw what the fold holds back."""
+    if not out.exists():
+        data, held = hold_out(training_set(collections, fold_splits(splits, fold)), 0)
+        recipe = replace(RECIPES["default"], steps=steps)
+        names = [collection.name for collection in collections]
+        train(recipe, data, Validation(held, 0), out, 0, names)
+    return out
 
 
-def samples(recognizer: Recognizer, collection: Collection, classes: Sequence[str]) -> Samples:
-    """Queries of the collection's episodes, and the action nearest to each."""
+def samples(
+    recognizer: Recognizer, collection: Collection, classes: Sequence[str], fold: str
+) -> list[Samples]:
+    """What the collection's episodes give, as recorded and as the simulated camera sees them."""
     params, config = recognizer.weights.tensors, recognizer.weights.config
-    shown = [at for at, label in enumerate(collection.labels) if label in classes]
-    place = {clip: row for row, clip in enumerate(shown)}
-    embedded = recognizer.embed([collection.clips[at] for at in shown])
+    unit = np.log(unit_distance(config, params))
     sampler = Sampler(
         collection.name, collection.labels, collection.subjects, classes, Protocol.CROSS_PERSON
     )
     ways = possible_ways(WAYS, len(classes))
-    terms, hits, known, weights = [], [], [], []
-    for number in range(EPISODES):
-        episode = sampler.episode(ways, number)
-        asked = embedded[[place[int(clip)] for clip in episode.queries]]
-        actions = [embedded[[place[int(clip)] for clip in clips]] for clips in episode.support]
-        each = compare.weighted(config, compare.score_parts(params, config, asked, actions))
-        nearest = (each @ START).argmax(axis=1)
-        terms.append(each[np.arange(len(nearest)), nearest])
-        hits.append(nearest == episode.target)
-        known.append(episode.target >= 0)
-        weights.append(np.full(len(nearest), 1 / len(nearest) / EPISODES))
-    asked_for, right = np.concatenate(known), np.concatenate(hits)
-    return np.concatenate(terms), right.astype(float), asked_for, np.concatenate(weights)
+    episodes = [sampler.episode(ways, number) for number in range(EPISODES)]
+    views = {
+        "recorded": (1.0, collection.clips),
+        "camera": (CAMERA, [disturbed(clip, estimated) for clip in collection.clips]),
+    }
+    found = []
+    for view, (weight, clips) in views.items():
+        embedded = recognizer.embed(clips)
+        terms, hits, known = [], [], []
+        for episode in episodes:
+            actions = [embedded[clips] for clips in episode.support]
+            parts = compare.score_parts(params, config, embedded[episode.queries], actions)
+            each = compare.weighted(config, parts).astype(np.float64)
+            each[..., 0] += unit
+            nearest = (each @ START).argmax(axis=1)
+            terms.append(each[np.arange(len(nearest)), nearest])
+            hits.append(nearest == episode.target)
+            known.append(episode.target >= 0)
+        columns = (np.concatenate(column) for column in (terms, hits, known))
+        found.append(Samples(*columns, weight, (fold, collection.name, view)))
+    return found
 
 
 def fit(parts: Sequence[Samples]) -> tuple[NDArray[np.float64], float]:
     """Weights (4,) of a logistic regression, slightly held towards zero, and the even bias."""
-    x, y, _, share = (torch.tensor(np.concatenate(column)) for column in zip(*parts, strict=True))
+    x = torch.tensor(np.concatenate([part.terms for part in parts]))
+    y = torch.tensor(np.concatenate([part.hit for part in parts]).astype(float))
+    share = torch.tensor(
+        np.concatenate([np.full(len(part.hit), part.weight / len(part.hit)) for part in parts])
+    )
     mean, spread = x.mean(dim=0), x.std(dim=0)
     scaled = (x - mean) / spread
     weight = torch.zeros(4, dtype=torch.float64, requires_grad=True)
@@ -163,53 +152,49 @@ def rates(
     parts: Sequence[Samples], weight: NDArray[np.float64], bias: float
 ) -> tuple[float, float]:
     """Unknown queries accepted and known ones rejected at 0.5, means over collections."""
-    each = [
-        ((logit[~known] > 0).mean(), (logit[known] <= 0).mean())
-        for logit, known in ((part[0] @ weight + bias, part[2]) for part in parts)
-    ]
-    accepts, rejects = np.mean(each, axis=0)
+    each = []
+    for part in parts:
+        accepted = part.terms @ weight + bias > 0
+        each.append((accepted[~part.known].mean(), 1 - accepted[part.known].mean()))
+    accepts, rejects = np.average(each, axis=0, weights=[part.weight for part in parts])
     return float(accepts), float(rejects)
 
 
 def tell(name: str, parts: Sequence[Samples], weight: NDArray[np.float64], bias: float) -> None:
-    """Print calibration error and the balance of errors at 0.5."""
-    errors = [reliability(sigmoid(part[0] @ weight + bias), part[1]).ece for part in parts]
-    accepts, rejects = rates(parts, weight, bias)
-    print(
-        f"{name}: calibration error {np.mean(errors):.3f} a collection, unknown accepted "
-        f"{accepts:.3f}, known rejected {rejects:.3f}"
-    )
+    """A row for each view: calibration error and the balance of errors at 0.5."""
+    for view in ("recorded", "camera"):
+        seen = [part for part in parts if part.name[2] == view]
+        bins = pooled([reliability(sigmoid(part.terms @ weight + bias), part.hit) for part in seen])
+        accepts, rejects = rates(seen, weight, bias)
+        print(f"| {name} | {view} | {bins.ece:.3f} | {accepts:.3f} | {rejects:.3f} |")
 
 
 def main() -> None:
-    """Print the constants, and how those of one fold do on the other."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Print the constants, and how those of three folds do on the fourth."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--splits", type=Path, required=True)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=3000)
     asked = parser.parse_args()
+    torch.set_num_threads(1)
     asked.work.mkdir(parents=True, exist_ok=True)
-    splits = read_splits(asked.splits)
-    collections = {path.stem: read_collection(path) for path in sorted(asked.folder.glob("*.npz"))}
-    by_fold: dict[str, list[Samples]] = {}
-    for fold, (held, _) in FOLDS.items():
-        out = asked.work / f"fold{fold}.safetensors"
-        path = trained(fold, list(collections.values()), splits, out, asked.steps)
-        recognizer = Recognizer(path)
-        unit = unit_distance(recognizer.weights.config, recognizer.weights.tensors)
-        for name in held:
-            terms, hits, known, share = samples(
-                recognizer, collections[name], splits.by_collection[name].train
-            )
-            terms = terms.astype(np.float64)
-            terms[:, 0] += np.log(unit)
-            by_fold.setdefault(fold, []).append((terms, hits, known, share))
-    for fold, other in (("B", "K"), ("K", "B")):
-        tell(f"fitted on {other}, asked {fold}", by_fold[fold], *fit(by_fold[other]))
-    everything = [part for parts in by_fold.values() for part in parts]
-    weight, bias = fit(everything)
-    tell("fitted and asked on both", everything, weight, bias)
+    collections, splits = read_folder(asked.folder, asked.splits)
+    parts: list[Samples] = []
+    for fold in FOLDS:
+        out = asked.work / f"{fold.replace(' ', '_')}.safetensors"
+        recognizer = Recognizer(trained(fold, list(collections.values()), splits, out, asked.steps))
+        for name, split in fold_splits(splits, fold).by_collection.items():
+            if len(split.benchmark) >= 4:
+                shown = thinned(collections[name], CLIPS)
+                parts += samples(recognizer, shown, split.benchmark, fold)
+    print("| asked about | seen | calibration error | unknown accepted | known rejected |")
+    print("| --- | --- | --- | --- | --- |")
+    for fold in FOLDS:
+        others = [part for part in parts if part.name[0] != fold]
+        tell(fold, [part for part in parts if part.name[0] == fold], *fit(others))
+    weight, bias = fit(parts)
+    tell("all, fitted on all", parts, weight, bias)
     print(f"_SCORE = ({', '.join(f'{value:.2f}' for value in weight)})\n_SCORE_BIAS = {bias:.2f}")
 
 

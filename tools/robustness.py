@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from monocular import estimated
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
@@ -40,7 +41,7 @@ class Disturbed:
 
     def embed(self, clips: Sequence[Clip]) -> NDArray[Any]:
         """(N, 2, F, E): the clip as it is, and disturbed."""
-        views = [clips, [self._disturbed(clip) for clip in clips]]
+        views = [clips, [disturbed(clip, self._disturb) for clip in clips]]
         return np.stack([self._recognizer.embed(view) for view in views], axis=1)
 
     def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
@@ -48,11 +49,13 @@ class Disturbed:
         clean = {label: examples[:, 0] for label, examples in support.items()}
         return self._recognizer.compare(queries[:, 1], clean)
 
-    def _disturbed(self, clip: Clip) -> Clip:
-        rng = np.random.default_rng(int(np.abs(clip.joints).sum() * 1e3) % 2**32)
-        joints = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS)
-        moved, fps = self._disturb(joints, clip.fps, rng)
-        return Clip(moved, DEFAULT_JOINTS, fps)
+
+def disturbed(clip: Clip, disturb: Disturb) -> Clip:
+    """What became of a clip, the same at every call."""
+    rng = np.random.default_rng(int(np.abs(clip.joints).sum() * 1e3) % 2**32)
+    joints = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS)
+    moved, fps = disturb(joints, clip.fps, rng)
+    return Clip(np.asarray(moved, np.float32), DEFAULT_JOINTS, fps)
 
 
 def turned(degrees: float, axis: int) -> Disturb:
@@ -171,6 +174,7 @@ STUDY: Sequence[tuple[str, Disturb]] = (
     *((f"{round(100 * s)} % of joints missing", missing(s)) for s in (0.05, 0.1, 0.2)),
     *((f"noise of {round(100 * m)} cm", noisy(m)) for m in (0.01, 0.03, 0.05)),
     *((f"limb swapped in {round(100 * s)} % of frames", swapped(s)) for s in (0.1, 0.2, 0.4)),
+    ("found by a simulated camera", estimated),
 )
 
 

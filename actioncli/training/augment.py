@@ -9,6 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Generator, Tensor
 
+from actioncli.training.estimator import estimate
 from actioncli.training.motions import (
     LEFT_ARM,
     LEFT_LEG,
@@ -20,18 +21,22 @@ from actioncli.training.motions import (
 )
 
 
-def augment(bones: Tensor, chance: Generator) -> Tensor:
+def augment(bones: Tensor, chance: Generator, estimated: float) -> Tensor:
     """Everything that may happen to a recording, each clip another way.
 
     Args:
         bones: (B, T, 14, 3) unit bone directions.
         chance: where randomness comes from.
+        estimated: share of clips that look as if a pose estimator had found them in video.
     """
     bones = warp_time(bones, chance)
     bones = swap_limbs(bones, chance)
     bones = freeze_bones(bones, chance)
-    bones = disturb(bones, chance)
-    return turn(exaggerate(bones, chance), chance)
+    bones = exaggerate(disturb(bones, chance), chance)
+    if estimated:
+        chosen = _uniform(chance, len(bones), 1, 1, 1) < estimated
+        bones = torch.where(chosen, estimate(bones, chance), bones)
+    return turn(bones, chance)
 
 
 def warp_time(bones: Tensor, chance: Generator) -> Tensor:

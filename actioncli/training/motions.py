@@ -34,20 +34,40 @@ LEFT_ARM, RIGHT_ARM = bones_of("lelb", "lwri"), bones_of("relb", "rwri")
 LEFT_LEG, RIGHT_LEG = bones_of("lkne", "lank"), bones_of("rkne", "rank")
 
 
-def directions(clips: list[Clip]) -> Tensor:
-    """Clips as (N, 64, 14, 3) unit bone directions."""
-    how = Preparation(frames=FRAMES, size="standard", heading=True)
+def directions(clips: list[Clip], preparation: Preparation) -> Tensor:
+    """Clips as (N, 64, 14, 3) unit bone directions, with or without a common heading."""
+    how = Preparation(frames=FRAMES, size="standard", heading=preparation.heading)
+    return unit(_bones(clips, how))
+
+
+def bone_lengths(clips: list[Clip], preparation: Preparation) -> Tensor:
+    """How long the model will see each clip's bones, (N, 14): the standard, or their medians."""
+    if preparation.size == "standard":
+        return LENGTHS[:, 0].expand(len(clips), -1)
+    bones = _bones(clips, Preparation(frames=FRAMES, size=preparation.size))
+    lengths: Tensor = torch.linalg.vector_norm(bones, dim=-1).median(dim=1).values
+    return lengths
+
+
+def _bones(clips: list[Clip], how: Preparation) -> Tensor:
     joints = torch.from_numpy(np.stack([prepare(clip, how) for clip in clips]))
     children = [DEFAULT_JOINTS.index(child) for child, _, _ in BONES]
     parents = [DEFAULT_JOINTS.index(parent) for _, parent, _ in BONES]
-    return unit(joints[:, :, children] - joints[:, :, parents])
+    bones: Tensor = joints[:, :, children] - joints[:, :, parents]
+    return bones
 
 
-def bodies(bones: Tensor) -> Tensor:
-    """The standard body with these bone directions, (..., 14, 3) → (..., 15, 3)."""
+def bodies(bones: Tensor, lengths: Tensor = LENGTHS) -> Tensor:
+    """Bodies with these bone directions, (..., 14, 3) → (..., 15, 3).
+
+    Args:
+        bones: unit vectors.
+        lengths: (..., 14, 1); without it those of the standard body.
+    """
+    long = bones * lengths
     joints: dict[str, Tensor] = {"pelv": torch.zeros_like(bones[..., 0, :])}
-    for bone, (child, parent, length) in enumerate(BONES):
-        joints[child] = joints[parent] + length * bones[..., bone, :]
+    for bone, (child, parent, _) in enumerate(BONES):
+        joints[child] = joints[parent] + long[..., bone, :]
     return torch.stack([joints[name] for name in DEFAULT_JOINTS], dim=-2)
 
 
@@ -78,9 +98,19 @@ def at_times(bones: Tensor, times: Tensor) -> Tensor:
     return bones[row, before] * (1 - share) + bones[row, before + 1] * share
 
 
-def frames_for_model(bones: Tensor, preparation: Preparation) -> Tensor:
-    """What `prepare` would give: (B, 64, 14, 3) → (B, frames, 15, 3), equidistant in motion."""
-    joints = bodies(bones)
+def frames_for_model(bones: Tensor, preparation: Preparation, lengths: Tensor) -> Tensor:
+    """What `prepare` would give, equidistant in motion as far as it says.
+
+    Args:
+        bones: (B, 64, 14, 3).
+        preparation: the model's.
+        lengths: (B, 14) from `bone_lengths`.
+
+    Returns:
+        (B, frames, 15, 3).
+    """
+    long = lengths[:, None, :, None]
+    joints = bodies(bones, long)
     last = bones.shape[1] - 1
     moved = torch.linalg.vector_norm(joints[:, 1:] - joints[:, :-1], dim=-1).mean(dim=-1)
     share = moved / moved.sum(dim=1, keepdim=True).clamp(min=1e-9)
@@ -91,4 +121,4 @@ def frames_for_model(bones: Tensor, preparation: Preparation) -> Tensor:
     after = torch.searchsorted(clock.contiguous(), ticks).clamp(1, last)
     low, high = clock.gather(1, after - 1), clock.gather(1, after)
     times = after - 1 + ((ticks - low) / (high - low + 1e-9)).clamp(0, 1)
-    return bodies(unit(at_times(bones, times)))
+    return bodies(unit(at_times(bones, times)), long)

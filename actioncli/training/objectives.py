@@ -90,26 +90,34 @@ class ManyWays:
     def __init__(self, recipe: Recipe, data: TrainingSet) -> None:
         """Prepare all clips once."""
         self._recipe = recipe
-        self._tasks = TaskSource(cut_long_recordings(data))
+        self._tasks = TaskSource(
+            cut_long_recordings(data), recipe.config.preparation, recipe.made_classes
+        )
 
     def extra_parameters(self) -> dict[str, float]:
         """The logarithm of the temperature, which starts at 10/√W."""
+        if not self._recipe.temperature:
+            return {}
         return {"log_temperature": math.log(10 / self._recipe.config.key_width**0.5)}
 
     def loss(self, params: dict[str, Tensor], rng: np.random.Generator) -> StepResult:
         """Loss of one task."""
-        config = self._recipe.config
-        ways, bones = self._tasks.draw(self._recipe.ways, rng)
+        recipe, config = self._recipe, self._recipe.config
+        ways, bones, lengths = self._tasks.draw(recipe.ways, rng)
         torch.manual_seed(int(rng.integers(2**63)))
         chance = torch.Generator().manual_seed(int(rng.integers(2**63)))
         with torch.no_grad():
             same = alike(ways, bones)
-            frames = frames_for_model(augment(bones.flatten(0, 1), chance), config.preparation)
+            bones = bones.flatten(0, 1)
+            if recipe.disturbed:
+                bones = augment(bones, chance, recipe.estimated)
+            frames = frames_for_model(bones, config.preparation, lengths.flatten(0, 1))
         chosen = torch.randperm(config.pairs, generator=chance)[: config.pairs // 2].sort()[0]
         with torch.autocast("cpu", dtype=torch.bfloat16):
             distances, logits = self._compare(params, config, frames, len(ways), chosen)
         distances, logits = distances.float(), logits.float()
-        scores = (-distances * params["log_temperature"].exp()).masked_fill(same, -1e4)
+        temperature = params["log_temperature"].exp() if recipe.temperature else 1.0
+        scores = (-distances * temperature).masked_fill(same, -1e4)
         own = torch.arange(len(ways))
         loss = functional.cross_entropy(scores, own)
         right = scores.argmax(dim=1) == own
@@ -120,7 +128,7 @@ class ManyWays:
             sure = 0.8 * right + 0.2
         yes = (functional.softplus(-logits.diagonal()) * sure).mean()
         no = (functional.softplus(logits) * rivals).sum(dim=1).mean()
-        return StepResult(loss + self._recipe.sigma * (yes + no), float(right.float().mean()))
+        return StepResult(loss + recipe.sigma * (yes + no), float(right.float().mean()))
 
     def _compare(
         self,
@@ -143,6 +151,8 @@ class ManyWays:
         bias = trx_os.place_bias(params, config, keys, chosen).bfloat16()
         weights = trx_os.attention(keys[ways:, None], keys[None, :ways], bias)
         there = values[ways:, None] - trx_os.prototypes(weights, values[None, :ways])
+        if not config.both_ways:
+            return trx_os.distance(config, there), self._judge(params, config, there, chosen)
         back = values[None, :ways] - trx_os.prototypes(weights.mT, values[ways:, None])
         distances = (trx_os.distance(config, there) + trx_os.distance(config, back)) / 2
         logits = (self._judge(params, config, there, chosen)

@@ -25,8 +25,12 @@ class Recipe:
         sigma: weight of the discriminator's loss.
         average: share of the old in the running average of the weights that is kept; 0 keeps
             the weights themselves.
-        augmented: made classes and augmentation, see `tasks` and `augment`; else the paper's
-            episodes of recorded clips.
+        augmented: one task of many ways a step, see `tasks` and `objectives.ManyWays`; else the
+            paper's episodes of recorded clips. The rest belongs to it:
+        temperature: a factor on -T, learned; else 1.
+        made_classes: ways that nobody recorded: limbs of one class on another, mirrored, reversed.
+        disturbed: clips go through `augment`.
+        estimated: share of clips that also go through `estimator`, as if found in video.
         validate_every: steps between looks at the validation classes.
     """
 
@@ -40,6 +44,10 @@ class Recipe:
     sigma: float = 1.0
     average: float = 0.0
     augmented: bool = False
+    temperature: bool = False
+    made_classes: bool = False
+    disturbed: bool = False
+    estimated: float = 0.0
     validate_every: int = 250
 
     def as_json(self) -> dict[str, Any]:
@@ -69,6 +77,10 @@ RECIPES = {
             weight_decay=0.05,
             average=0.99,
             augmented=True,
+            temperature=True,
+            made_classes=True,
+            disturbed=True,
+            estimated=0.8,
             validate_every=500,
         ),
         Recipe("paper", ModelConfig(), steps=1500, ways=5, batch=4),

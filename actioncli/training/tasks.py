@@ -13,12 +13,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from actioncli.clips.prepare import Preparation
 from actioncli.training.data import TrainingSet
 from actioncli.training.motions import (
     LEFT_ARM,
     LEFT_LEG,
     RIGHT_ARM,
     RIGHT_LEG,
+    bone_lengths,
     bones_of,
     directions,
     mirrored,
@@ -57,14 +59,17 @@ class Way:
 class TaskSource:
     """Draws tasks from a training set."""
 
-    def __init__(self, data: TrainingSet) -> None:
+    def __init__(self, data: TrainingSet, preparation: Preparation, made_classes: bool) -> None:
         """Prepare all clips once.
 
         Classes count by the root of how many their collection has, so that a large collection
         does not drown the others; those whose classes one person performs once lend variety and
-        count a third.
+        count a third. Without `made_classes` ways are recorded classes, and tasks of few classes
+        have few ways.
         """
-        self._bones = directions(list(data.clips))
+        self._bones = directions(list(data.clips), preparation)
+        self._lengths = bone_lengths(list(data.clips), preparation)
+        self._made = made_classes
         self._people: dict[int, list[np.ndarray]] = {}
         weight: dict[int, float] = {}
         self._of_source: dict[int, list[int]] = {}
@@ -76,21 +81,23 @@ class TaskSource:
         for source, labels in self._of_source.items():
             several = np.mean([len(self._people[label]) > 1 for label in labels]) > 0.5
             share = 1.0 if several else 0.35
-            self._sources[source] = share * len(labels) ** 0.5
+            if len(labels) > 1:  # one class alone makes no task
+                self._sources[source] = share * len(labels) ** 0.5
             weight |= dict.fromkeys(labels, share / len(labels) ** 0.5)
         self._weight = weight
 
-    def draw(self, ways: int, rng: np.random.Generator) -> tuple[list[Way], Tensor]:
+    def draw(self, ways: int, rng: np.random.Generator) -> tuple[list[Way], Tensor, Tensor]:
         """A task.
 
-        Half of the tasks take their classes from one collection.
+        Half of the tasks take their classes from one collection, if one has several.
 
         Returns:
             The ways and their clips, bone directions (2, ways, 64, 14, 3): the first of a way
             enrols it, the second asks, performed by someone else where the class has others.
+            Their bones' lengths (2, ways, 14), those of the clips that lent no limbs.
         """
         labels = list(self._weight)
-        if rng.random() < 0.5:
+        if rng.random() < 0.5 and self._sources:
             sources = list(self._sources)
             chances = np.array(list(self._sources.values()))
             labels = self._of_source[int(rng.choice(sources, p=chances / chances.sum()))]
@@ -98,24 +105,28 @@ class TaskSource:
         order = rng.choice(labels, len(labels), replace=False, p=chances / chances.sum()).tolist()
         chosen: list[Way] = []
         taken: list[int] = []
+        lending = self._made and len(order) > 1
         while len(chosen) < ways:
             flags = rng.random(3) < (_MIRRORED, _REVERSED, 0.3)
-            mirror, backwards, lender_mirrored = (bool(flag) for flag in flags)
-            if len(taken) < len(order) and (len(order) < 2 or rng.random() >= _COMPOSED):
+            mirror, backwards, lender_mirrored = (bool(flag and self._made) for flag in flags)
+            if len(taken) < len(order) and (not lending or rng.random() >= _COMPOSED):
                 base = order[len(taken)]
                 taken.append(base)
                 chosen.append(Way(base, None, 0, False, mirror, backwards))
-            elif len(order) < 2:
+            elif not lending:
                 break
             else:
                 near = taken if len(taken) > 1 and rng.random() < _HARD else order
                 base, lender = rng.choice(near, 2, replace=False).tolist()
                 limbs = int(rng.integers(len(_LIMBS)))
                 chosen.append(Way(base, lender, limbs, lender_mirrored, mirror, backwards))
-        return chosen, torch.stack([self._perform(way, rng) for way in chosen], dim=1)
+        performed = [self._perform(way, rng) for way in chosen]
+        bones, lengths = (torch.stack(parts, dim=1) for parts in zip(*performed, strict=True))
+        return chosen, bones, lengths
 
-    def _perform(self, way: Way, rng: np.random.Generator) -> Tensor:
-        bones = self._bones[self._clips(way.base, rng)]
+    def _perform(self, way: Way, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        clips = self._clips(way.base, rng)
+        bones = self._bones[clips]
         if way.lender is not None:
             lent = self._bones[self._clips(way.lender, rng)]
             lent = mirrored(lent) if way.lender_mirrored else lent
@@ -123,7 +134,7 @@ class TaskSource:
             bones[:, :, _LIMBS[way.limbs]] = lent[:, :, _LIMBS[way.limbs]]
         if way.mirrored:
             bones = mirrored(bones)
-        return bones.flip(1) if way.reversed else bones
+        return bones.flip(1) if way.reversed else bones, self._lengths[clips]
 
     def _clips(self, label: int, rng: np.random.Generator) -> list[int]:
         """Clips of different performers, if there are any."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
 
-from actioncli.clips.prepare import prepare
-from actioncli.training import augment, motions
+from actioncli.clips.clip import Clip
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.prepare import Preparation, prepare
+from actioncli.training import augment, estimator, motions
 from actioncli.training.data import TrainingSet, cut_long_recordings
 from actioncli.training.recipes import RECIPES
 from actioncli.training.tasks import TaskSource, alike
@@ -17,7 +22,7 @@ DEFAULT = RECIPES["default"]
 
 @pytest.fixture(scope="module")
 def bones(world: TrainingSet) -> torch.Tensor:
-    return motions.directions(list(world.clips[:12]))
+    return motions.directions(list(world.clips[:12]), DEFAULT.config.preparation)
 
 
 def chance(seed: int = 0) -> torch.Generator:
@@ -25,7 +30,9 @@ def chance(seed: int = 0) -> torch.Generator:
 
 
 def test_training_sees_what_inference_prepares(world: TrainingSet, bones: torch.Tensor) -> None:
-    theirs = motions.frames_for_model(bones, DEFAULT.config.preparation)
+    how = DEFAULT.config.preparation
+    lengths = motions.bone_lengths(list(world.clips[:12]), how)
+    theirs = motions.frames_for_model(bones, how, lengths)
     ours = np.stack([prepare(clip, DEFAULT.config.preparation) for clip in world.clips[:12]])
     # Training goes by way of 64 frames, so the two differ by interpolation.
     assert np.abs(theirs.numpy() - ours).mean() < 0.02
@@ -36,26 +43,44 @@ def test_mirroring_twice_changes_nothing(bones: torch.Tensor) -> None:
     assert (motions.mirrored(bones) - bones).abs().max() > 0.1
 
 
+def task_source(data: TrainingSet, made_classes: bool = True) -> TaskSource:
+    return TaskSource(data, DEFAULT.config.preparation, made_classes)
+
+
 @pytest.mark.parametrize(
-    "step", ["warp_time", "swap_limbs", "freeze_bones", "disturb", "exaggerate", "turn", "augment"]
+    "step",
+    [
+        augment.warp_time,
+        augment.swap_limbs,
+        augment.freeze_bones,
+        augment.disturb,
+        augment.exaggerate,
+        augment.turn,
+        estimator.mistake_depth,
+        estimator.hide,
+        estimator.lag,
+        partial(augment.augment, estimated=0.5),
+    ],
 )
-def test_augmentation_keeps_shape_and_leaves_its_input(step: str, bones: torch.Tensor) -> None:
+def test_augmentation_keeps_shape_and_leaves_its_input(
+    step: Callable[[torch.Tensor, torch.Generator], torch.Tensor], bones: torch.Tensor
+) -> None:
     before = bones.clone()
-    after = getattr(augment, step)(bones, chance())
+    after = step(bones, chance())
     assert after.shape == bones.shape
     assert torch.isfinite(after).all()
     torch.testing.assert_close(bones, before)
-    again = getattr(augment, step)(bones, chance())
+    again = step(bones, chance())
     torch.testing.assert_close(after, again)
 
 
 def test_augmented_bones_keep_their_length(bones: torch.Tensor) -> None:
-    lengths = torch.linalg.vector_norm(augment.augment(bones, chance()), dim=-1)
+    lengths = torch.linalg.vector_norm(augment.augment(bones, chance(), 0.5), dim=-1)
     torch.testing.assert_close(lengths, torch.ones_like(lengths), atol=1e-3, rtol=0)
 
 
 def test_augmentation_is_mild_enough_to_recognise_the_motion(bones: torch.Tensor) -> None:
-    moved = augment.augment(bones, chance(3)).flatten(1)
+    moved = augment.augment(bones, chance(3), 0.5).flatten(1)
     apart = torch.cdist(moved, bones.flatten(1))
     # Clips 2k and 2k + 1 are the same action by the same performer.
     action = torch.arange(12) // 6
@@ -79,14 +104,47 @@ def test_swapped_limbs_are_exchanged_for_some_frames(bones: torch.Tensor) -> Non
     )
 
 
+def test_a_share_of_the_clips_is_seen_by_an_estimator(bones: torch.Tensor) -> None:
+    none, half, every = (augment.augment(bones, chance(), share) for share in (0.0, 0.5, 1.0))
+    assert (none != every).flatten(1).any(dim=1).all()
+    same = (half == every).flatten(1).all(dim=1)
+    assert 0 < same.sum() < len(bones)
+
+
+def test_an_estimator_errs_in_depth(bones: torch.Tensor) -> None:
+    error = (
+        estimator.mistake_depth(bones.repeat(8, 1, 1, 1), chance()) - bones.repeat(8, 1, 1, 1)
+    ).abs()
+    across, up, deep = error.mean(dim=(0, 1, 2)).tolist()
+    assert deep > 1.3 * across
+    assert deep > 1.3 * up
+
+
+def test_what_is_out_of_sight_hardly_moves(bones: torch.Tensor) -> None:
+    many = bones.repeat(6, 1, 1, 1)
+    still = estimator.hide(many, chance()).std(dim=1).sum(dim=2) / many.std(dim=1).sum(dim=2)
+    unseen = still < 0.6
+    assert 0.05 < unseen.any(dim=1).float().mean() < 0.6
+    assert unseen.sum(dim=1).max() <= 4
+
+
+def test_lag_follows_late_and_smooths(bones: torch.Tensor) -> None:
+    slow = estimator.lag(bones, chance())
+    assert slow.diff(dim=1).abs().mean() < bones.diff(dim=1).abs().mean()
+    behind = (slow[:, 4:] - bones[:, 3:-1]).abs().mean()
+    ahead = (slow[:, 3:-1] - bones[:, 4:]).abs().mean()
+    assert behind < ahead
+
+
 def test_tasks_have_the_ways_they_say(world: TrainingSet) -> None:
-    source = TaskSource(world)
+    source = task_source(world)
     rng = np.random.default_rng(0)
     lent = 0
     for _ in range(10):
-        ways, clips = source.draw(12, rng)
+        ways, clips, lengths = source.draw(12, rng)
         assert len(ways) == 12
         assert clips.shape == (2, 12, 64, 14, 3)
+        assert lengths.shape == (2, 12, 14)
         plain = [(way.base, way.mirrored) for way in ways if way.lender is None]
         assert len({base for base, _ in plain}) == len(plain)
         lent += sum(way.lender is not None for way in ways)
@@ -94,12 +152,43 @@ def test_tasks_have_the_ways_they_say(world: TrainingSet) -> None:
 
 
 def test_tasks_of_few_classes_are_filled_with_made_ones(world: TrainingSet) -> None:
-    ways, clips = TaskSource(world.of_classes([0, 1, 2])).draw(9, np.random.default_rng(0))
+    ways, clips, _ = task_source(world.of_classes([0, 1, 2])).draw(9, np.random.default_rng(0))
     assert len(ways) == clips.shape[1] == 9
 
 
+def test_without_made_classes_ways_are_what_was_recorded(world: TrainingSet) -> None:
+    few = task_source(world.of_classes([0, 1, 2]), made_classes=False)
+    for seed in range(5):
+        ways, clips, _ = few.draw(9, np.random.default_rng(seed))
+        assert sorted(way.base for way in ways) == [0, 1, 2]
+        assert not any(way.lender or way.mirrored or way.reversed for way in ways)
+        assert clips.shape[1] == 3
+
+
+def test_a_collection_of_one_class_is_never_asked_alone(world: TrainingSet) -> None:
+    # Classes 0 to 7 are of one collection, 8 of the other.
+    source = task_source(world.of_classes([*range(8), 8]))
+    counts = [len(source.draw(5, np.random.default_rng(seed))[0]) for seed in range(30)]
+    assert set(counts) == {5}
+
+
+def test_bones_are_as_long_as_the_preparation_says(bones: torch.Tensor) -> None:
+    own = motions.LENGTHS * torch.linspace(0.8, 1.2, 14)[:, None]
+    joints = motions.bodies(bones[:3], own).numpy()
+    clips = [Clip(body, DEFAULT_JOINTS) for body in joints]
+    standard = motions.bone_lengths(clips, DEFAULT.config.preparation)
+    torch.testing.assert_close(standard, motions.LENGTHS[:, 0].expand(3, -1))
+    how = Preparation(frames=48, size="torso", heading=True, motion=0.5)
+    lengths = motions.bone_lengths(clips, how)
+    frames = motions.frames_for_model(motions.directions(clips, how), how, lengths)
+    ours = np.stack([prepare(clip, how) for clip in clips])
+    # Where a limb swings, `prepare` interpolates it too short.
+    assert np.abs(frames.numpy() - ours).mean() < 0.03
+    assert np.abs(motions.bodies(bones[:3]).numpy()[:, 0] - ours[:, 0]).mean() > 0.03
+
+
 def test_ways_that_are_the_same_motion_are_left_out(world: TrainingSet) -> None:
-    ways, clips = TaskSource(world).draw(6, np.random.default_rng(1))
+    ways, clips, _ = task_source(world).draw(6, np.random.default_rng(1))
     # The first way once more, enrolled by nearly the clip that asks.
     again = torch.stack([clips[1, :1], clips[1, :1]])
     same = alike([*ways, ways[0]], torch.cat([clips, again], dim=1))
