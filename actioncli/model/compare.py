@@ -118,11 +118,11 @@ def scores(
         parts = score_parts(params, config, queries, actions)
         return parts[..., 0], parts[..., 3]
     weight, bias = params["score.weight"], params["score.bias"]
-    warped = _warp(config, queries, actions)
+    warped = warp(config, queries, actions)
     counts = np.array([len(action) for action in actions])
     chosen = None
     if counts.sum() > EXACT:
-        cheap = weighted(config, _unattended(warped)) @ (weight * [0, 1, 1, 0])
+        cheap = promise(params, config, warped)
         chosen = _largest(cheap, counts)
     parts = _parts(params, config, queries, actions, warped, chosen)
     logit = weighted(config, parts) @ weight + bias
@@ -131,6 +131,12 @@ def scores(
         logit = np.where(chosen, logit, cheap + added)
     logit = np.asarray(logit, np.float32)
     return np.exp(np.minimum(-logit, 60)), logit
+
+
+def promise(params: Params, config: ModelConfig, warped: Warped) -> FloatArray:
+    """The logit without what T and Disc add, (Q, K): what can be had cheaply."""
+    weight = params["score.weight"] * np.array([0, 1, 1, 0], np.float32)
+    return np.asarray(weighted(config, _unattended(warped)) @ weight + params["score.bias"])
 
 
 def _largest(cheap: FloatArray, counts: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -160,7 +166,7 @@ def score_parts(
     of the cost; T and the cost are then multiplied by `mirrored`. Of several examples, T attends
     to all together; the cost and the support's attention to the query are those of the best one.
     """
-    return _parts(params, config, queries, actions, _warp(config, queries, actions), None)
+    return _parts(params, config, queries, actions, warp(config, queries, actions), None)
 
 
 def _parts(
@@ -168,7 +174,7 @@ def _parts(
     config: ModelConfig,
     queries: FloatArray,
     actions: Sequence[FloatArray],
-    warped: _Warped,
+    warped: Warped,
     chosen: NDArray[np.bool_] | None,
 ) -> FloatArray:
     """`score_parts`, T and Disc only where `chosen` (Q, K) says so."""
@@ -240,7 +246,7 @@ def _attended(
     return t, logit
 
 
-class _Warped(NamedTuple):
+class Warped(NamedTuple):
     """What the best example of each action gives, (Q, K) each: the warping cost, the geometric
     mean of the radii, and the view of the query that it suits."""
 
@@ -249,11 +255,12 @@ class _Warped(NamedTuple):
     view: NDArray[np.intp]
 
 
-def _warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]) -> _Warped:
+def warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]) -> Warped:
+    """Warp queries (Q, F, E) and their mirror images to all examples of K actions."""
     shape = len(queries), len(actions)
     if not config.warp_width:
         ones = np.ones(shape, np.float32)
-        return _Warped(ones, ones, np.zeros(shape, np.intp))
+        return Warped(ones, ones, np.zeros(shape, np.intp))
     at = np.s_[4 * config.key_width : config.view_width]
     seen = [queries[..., at]]
     if config.mirrored:
@@ -276,10 +283,10 @@ def _warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray
     if config.neighbours:
         of_examples = np.concatenate([action[:, 0, -1] for action in actions])
         radius = np.sqrt(queries[:, 0, -1][:, None] * of_examples[best])
-    return _Warped(least, radius, np.take_along_axis(view, best, axis=1))
+    return Warped(least, radius, np.take_along_axis(view, best, axis=1))
 
 
-def _unattended(warped: _Warped) -> FloatArray:
+def _unattended(warped: Warped) -> FloatArray:
     """(Q, K, 4) as `score_parts`, 1 in the places of T and Disc."""
     ones = np.ones_like(warped.cost)
     return np.stack([ones, warped.cost, warped.radius, ones], axis=-1)
