@@ -34,7 +34,7 @@ from actioncli.evaluation.metrics import (
 from actioncli.evaluation.splits import Split, read_splits
 from actioncli.pose.active import active_part, cut
 from actioncli.recognizer import DEFAULT_TAU, Recognizer
-from actioncli.windows import windows
+from actioncli.windows import CHANCES, windows
 
 WAYS = 5
 # Of each kind, known and unknown, in an episode.
@@ -243,7 +243,7 @@ class Study:
             support = self._recognizer.embed(enrolled)
             for clip, target in queries(episode):
                 rows = self._rows(self._made(clip, as_recorded), enrolled, support)
-                answers.append((*surest(0.2)(rows), target))
+                answers.append((*surest(CHANCES)(rows), target))
         return figures(answers)
 
     def _rows(self, query: Clip, enrolled: Sequence[Clip], support: FloatArray) -> Rows:
