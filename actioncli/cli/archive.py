@@ -18,6 +18,8 @@ def export(
 ) -> None:
     """Write the support set to one portable file.
 
+    The threshold that `calibrate` kept travels with it.
+
     \b
     Examples:
       actioncli export actions.safetensors
@@ -42,7 +44,8 @@ def import_(
     """Add what an exported file holds.
 
     Examples that are there already are skipped. A file that is damaged in any place is refused
-    as a whole.
+    as a whole. A calibrated threshold in it is taken over by an empty support set only, which then
+    decides as the exported one did: on other examples it would have to be measured again.
 
     \b
     Examples:
@@ -50,11 +53,22 @@ def import_(
 
     \b
     JSON keys:
-      file, added, skipped
+      file, added, skipped, threshold_taken
     """
+    from actioncli.store.archive import read_settings
+
     with settings.open_store() as store:
         added, skipped = store.import_(file)
+        carried = read_settings(file)
+        taken = bool(carried) and all(store.setting(name) == carried[name] for name in carried)
     if settings.json:
-        write_json({"file": str(file), "added": added, "skipped": skipped})
+        write_json(
+            {"file": str(file), "added": added, "skipped": skipped, "threshold_taken": taken}
+        )
     elif not settings.quiet:
         say(f"{printable(file)}: {plural(added, 'example')} added, {skipped} already there")
+    if carried and not taken:
+        settings.tell(
+            f"note: {printable(file)}: its calibrated threshold was left, for it was measured on "
+            "other examples than are here now; see `actioncli calibrate`."
+        )

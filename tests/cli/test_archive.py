@@ -17,7 +17,7 @@ def test_a_support_set_travels(
     other = ["--store", tmp_path / "other.db"]
     assert invoke("import", file, *other).stdout == f"{file}: 2 examples added, 0 already there\n"
     again = json.loads(invoke("import", file, *other, "--json").stdout)
-    assert again == {"file": str(file), "added": 0, "skipped": 2}
+    assert again == {"file": str(file), "added": 0, "skipped": 2, "threshold_taken": False}
     assert invoke("list-support", *other).stdout == invoke("list-support").stdout
     assert json.loads(invoke("export", file, "--json").stdout) == {
         "file": str(file),

@@ -403,3 +403,44 @@ def test_an_export_of_nothing_imports_nothing(exported: Path, tmp_path: Path) ->
     other = SupportStore(tmp_path / "other.db")
     assert other.import_(exported) == (0, 0)
     assert not other.path.exists()
+
+
+def test_settings_travel_and_are_read_with_suspicion(
+    store: SupportStore, content: bytes, tmp_path: Path
+) -> None:
+    store.enroll("wave", make_clip(0))
+    store.set_setting("threshold", "0.25")
+    file = tmp_path / "file"
+    store.export(file)
+    whole = file.read_bytes()
+    assert header_of(whole)["__metadata__"]["version"] == "2"
+    assert header_of(content)["__metadata__"]["version"] == "1"
+    assert archive.read_settings(file) == {"threshold": "0.25"}
+    load_file(file)
+    other = SupportStore(tmp_path / "other.db")
+    other.import_(file)
+    assert other.setting("threshold") == "0.25"
+    metadata = header_of(whole)["__metadata__"]
+    refused(file, whole.replace(b"0.25", b"0.75"), "settings are damaged")
+    for settings in (
+        "[]",
+        "{}",
+        '{"a": 1}',
+        '{"a": "\\u001b[2J"}',
+        '{"\\n": "x"}',
+        "x",
+        "[" * 9999,
+    ):
+        digest = hashlib.sha256(settings.encode()).hexdigest()
+        forged = {**metadata, "settings": settings, "settings_sha256": digest}
+        refused(file, with_header(whole, header_of(whole) | {"__metadata__": forged}))
+    long = json.dumps({"a": "x" * (archive.LARGEST_SETTING + 1)}, separators=(",", ":"))
+    forged = {
+        **metadata,
+        "settings": long,
+        "settings_sha256": hashlib.sha256(long.encode()).hexdigest(),
+    }
+    refused(file, with_header(whole, header_of(whole) | {"__metadata__": forged}), "too long")
+    # Settings that an older release would pass over are not hidden in its version.
+    hidden = {**metadata, "version": "1"}
+    refused(file, with_header(whole, header_of(whole) | {"__metadata__": hidden}))
