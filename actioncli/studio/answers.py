@@ -62,6 +62,7 @@ def decision_entry(decision: Decision | None) -> dict[str, Any] | None:
         "tau": decision.tau,
         "nearest": decision.nearest,
         "shadowed": decision.shadowed,
+        "part": decision.part,
         "ranking": [
             {"label": each.label, "confidence": each.confidence} for each in decision.ranking
         ],

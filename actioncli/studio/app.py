@@ -133,7 +133,8 @@ class Studio:
             return entry
         if message := sent.error():
             return {**entry, "state": "failed", "message": message}
-        clip, embedding = sent.clip()
+        clip, _ = sent.clip()
+        decision = self.support.classify(clip, sent.whole)
         return {
             **entry,
             "state": "ready",
@@ -141,7 +142,7 @@ class Studio:
             "seconds": clip.duration,
             "notes": list(clip.notes),
             "figure": playable(figure(clip)),
-            "decision": decision_entry(self.support.classify(embedding)),
+            "decision": decision_entry(decision),
         }
 
     def discard(self, request: Request) -> Response:

@@ -30,12 +30,14 @@ class Loaded:
         support: embeddings (n, F, E) of each action.
         negatives: (N, F, E).
         durations: of the examples of actions, seconds.
+        lasting: of each action, the mean of them.
     """
 
     content: tuple[tuple[str, bool, str], ...]
     support: dict[str, FloatArray]
     negatives: FloatArray
     durations: tuple[float, ...]
+    lasting: tuple[float, ...]
 
 
 class SupportSet:
@@ -94,6 +96,7 @@ class SupportSet:
             self.store.embeddings(checksum, embed),
             np.concatenate([embed([]), *kept.values()]),
             tuple((e.frames - 1) / e.fps for e in examples if not e.negative),
+            tuple(a.seconds / a.examples for a in self.store.actions() if not a.negative),
         )
 
     def threshold(self) -> tuple[Threshold, bool]:
@@ -144,13 +147,20 @@ class SupportSet:
         """
         return playable(figure(self.store.clip(example)))
 
-    def classify(self, query: FloatArray) -> Decision | None:
-        """What a clip (F, E) shows; None where nothing is enrolled."""
+    def classify(self, clip: Clip, whole: bool) -> Decision | None:
+        """What a clip shows; None where nothing is enrolled.
+
+        Args:
+            whole: whether the clip is the action, and none is looked for in a part of it.
+        """
         loaded = self.loaded()
         if not loaded.support:
             return None
         threshold, _ = self.threshold()
-        decision = self.recognizer.classify(query, loaded.support, threshold.tau, loaded.negatives)
+        durations = () if whole else loaded.lasting
+        decision = self.recognizer.classify(
+            clip, loaded.support, threshold.tau, loaded.negatives, durations
+        )
         return threshold.apply(decision)
 
     def enroll(

@@ -38,12 +38,14 @@ class Sent:
     Attributes:
         id: what the page calls it.
         name: of the file, for people.
+        whole: whether the user said which part is the action.
         progress: how far a video has been read.
         reading: gives the clip and its embedding (F, E), or the error.
     """
 
     id: str
     name: str
+    whole: bool = False
     progress: Progress | None = None
     reading: Future[tuple[Clip, FloatArray]] = field(default_factory=Future)
     _cancelled: threading.Event = field(default_factory=threading.Event)
@@ -135,7 +137,8 @@ class Tray:
             options: of `read_any`.
         """
         with self._lock:
-            sent = Sent(str(next(self._numbers)), file_name(name) or "clip")
+            whole = not options.keys().isdisjoint({"start", "end"})
+            sent = Sent(str(next(self._numbers)), file_name(name) or "clip", whole)
             self._sent[sent.id] = sent
             dropped = [self._sent.pop(old) for old in list(self._sent)[:-_MOST]]
         for old in dropped:

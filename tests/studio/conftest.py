@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
 
 from actioncli.studio.app import Studio
 from actioncli.studio.scratch import Scratch
 from actioncli.studio.support import SupportSet
 from actioncli.threshold import keep_threshold
 
+from .browsing import CHROMIUM, FILM, OPTIONS, opened, write_film
 from .serving import Client, serving
 
 
@@ -49,3 +51,25 @@ def studio(served: tuple[Studio, str]) -> Studio:
 def client(studio: Studio, served: tuple[Studio, str]) -> Client:
     """Somebody with the studio's address."""
     return Client(served[1])
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Chromium, whose camera shows a film where there is one, else a test picture."""
+    if CHROMIUM is None:
+        pytest.skip("needs chromium")
+    options = list(OPTIONS)
+    if FILM.is_file():
+        film = write_film(FILM, tmp_path_factory.mktemp("film") / "film.mjpeg")
+        options.append(f"--use-file-for-fake-video-capture={film}")
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def tab(browser: Browser, client: Client) -> Iterator[Page]:
+    """The studio in a tab of its own; see `opened`."""
+    with opened(browser, client.address) as page:
+        yield page

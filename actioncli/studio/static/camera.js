@@ -8,6 +8,7 @@ const QUALITY = 0.8; // of its JPEG
 const KINDS = ["video/webm;codecs=vp8", "video/webm", "video/mp4"];
 const EVENTS = 20; // kept on the list
 const RATED = 20; // pictures that the rate is told of
+const SLOW = 3; // pictures a second: farther apart, they are not taken for one motion
 
 const sleep = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
 
@@ -121,7 +122,8 @@ export class Camera {
     const rate = (1000 * (this.times.length - 1)) / Math.max(now - this.times[0], 1);
     const view = !told.seen ? "Nobody is in view" : told.whole
       ? "The body is in view" : "Step back until head, hands and feet are in the picture";
-    byId("view").textContent = `${view}, ${rate.toFixed(0)} pictures/s`;
+    const slow = this.times.length > 5 && rate < SLOW ? ", too few to follow: this machine is busy" : "";
+    byId("view").textContent = `${view}, ${rate.toFixed(rate < SLOW ? 1 : 0)} pictures/s${slow}`;
     for (const event of told.events ?? []) {
       byId("events").prepend(el("li", {}, `${event.label}, ${event.seconds.toFixed(1)} s, confidence ${event.confidence.toFixed(2)}`));
       while (byId("events").children.length > EVENTS) byId("events").lastChild.remove();

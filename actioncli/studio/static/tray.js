@@ -175,8 +175,10 @@ class Clip {
     const accepted = decision.confidence > tau && !decision.shadowed;
     const sure = `${decision.confidence.toFixed(2)} ${decision.confidence > tau ? ">" : "≤"} τ ${tau.toFixed(2)}`;
     this.verdict.className = `verdict${accepted ? " yes" : ""}`;
+    const [from, to] = decision.part ?? [0, Infinity];
+    const part = to - from < 0.98 * this.told.seconds ? `, from ${from.toFixed(1)} s to ${to.toFixed(1)} s` : "";
     this.verdict.textContent = accepted
-      ? `Recognised: ${decision.nearest} (confidence ${sure})`
+      ? `Recognised: ${decision.nearest} (confidence ${sure}${part})`
       : `Rejected (nearest ${decision.nearest}, confidence ${sure}${decision.shadowed ? ", but a negative is nearer" : ""})`;
     this.ranked.append(ranking(decision.ranking.slice(0, RANKED), tau));
   }

@@ -1,0 +1,277 @@
+"""The studio in a real browser."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from actioncli import SupportStore, read_clip
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.studio.app import Studio
+from actioncli.threshold import kept_threshold
+
+from .browsing import FILM, PHONE, check, enroll, opened, send
+from .serving import EXAMPLES, Client
+
+SHARED = FILM.parents[1]
+SQUAT, OTHER_SQUAT = EXAMPLES / "squat/ada.npz", EXAMPLES / "squat/ben.npz"
+WAVE, OTHER_WAVE = EXAMPLES / "wave_right/ada.npz", EXAMPLES / "wave_right/cleo.npz"
+
+
+def picture(page: Page, place: int = 0) -> str:
+    drawn: str = page.locator("canvas[role=img]").nth(place).evaluate("c => c.toDataURL()")
+    return drawn
+
+
+def count(page: Page, rate: str) -> int:
+    text = page.locator(f"[data-rate={rate}]").inner_text()
+    found = re.match(r"(\d+) of (\d+)", text)
+    assert found, text
+    return int(found[1])
+
+
+def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
+    expect(tab).to_have_url(re.compile(r"^http://127\.0\.0\.1:\d+/$"))
+    expect(tab.get_by_text("Nothing is enrolled yet")).to_be_visible()
+    check(tab)
+    enroll(tab, SQUAT, "squat")
+    enroll(tab, OTHER_SQUAT, "squat")
+    enroll(tab, WAVE, "wave")
+    expect(tab.get_by_role("article", name="squat", exact=True)).to_contain_text("2 examples")
+    send(tab, OTHER_WAVE, EXAMPLES / "bow/ben.npz")
+    known = tab.get_by_role("article", name="Clip cleo.npz")
+    unknown = tab.get_by_role("article", name="Clip ben.npz")
+    expect(known.locator(".verdict")).to_contain_text("Recognised: wave (confidence 1.00 > τ 0.50)")
+    expect(known.get_by_text("nearest: wave")).to_be_visible()
+    expect(unknown.locator(".verdict")).to_contain_text("Rejected (nearest squat")
+    check(tab)
+
+    slider = tab.get_by_label("τ", exact=True)
+    expect(tab.locator("[data-rate=false_accepts]")).to_contain_text("of 259 clips")
+    before = count(tab, "false_accepts")
+    assert count(tab, "false_rejects") == 0
+    slider.fill("5")
+    assert count(tab, "false_accepts") > before
+    slider.fill("100")
+    assert (count(tab, "false_accepts"), count(tab, "false_rejects")) == (0, 2)
+    expect(slider).to_have_attribute("aria-valuetext", re.compile("false rejects 2 of 2"))
+    expect(known.locator(".verdict")).to_contain_text("Rejected (nearest wave")
+    slider.press("ArrowLeft")
+    expect(tab.locator("#tau-said")).to_have_text("0.99")
+    slider.fill("62")
+    tab.get_by_role("button", name="Keep τ 0.62").click()
+    expect(tab.get_by_text("In use: 0.62.")).to_be_visible()
+    kept = kept_threshold(studio.support.store)
+    assert kept is not None
+    assert kept.tau == 0.62
+    tab.get_by_role("button", name="Back to 0.50").click()
+    expect(tab.get_by_text("In use: 0.50")).to_be_visible()
+    assert kept_threshold(studio.support.store) is None
+
+    unknown.get_by_role("button", name="Never accept").click()
+    expect(tab.get_by_role("article", name="negatives")).to_contain_text("never accepted")
+    known.get_by_role("button", name="Discard").click()
+    expect(known).to_have_count(0)
+    expect(tab.locator("#tray")).to_be_hidden()
+    assert [(a.label, a.examples) for a in studio.support.store.actions()] == [
+        ("negatives", 1),
+        ("squat", 2),
+        ("wave", 1),
+    ]
+
+
+def test_play_scrub_and_turn_by_mouse_and_keys(tab: Page, studio: Studio) -> None:
+    studio.support.store.enroll("squat", read_clip(SQUAT))
+    card = tab.get_by_role("article", name="squat", exact=True)
+    start = picture(tab)
+    card.get_by_role("button", name="Play or pause: squat").click()
+    expect(card.get_by_role("button", name="Play or pause: squat")).to_have_text("Pause")
+    expect(card.get_by_label("Moment: squat")).not_to_have_value("0")
+    assert picture(tab) != start
+    card.get_by_label("Moment: squat").fill("500")
+    expect(card.locator(".said")).to_have_text("50 %")
+    middle = picture(tab)
+    assert middle != start
+    canvas = card.get_by_role("img", name="Skeleton, squat, 1 of 1")
+    canvas.focus()
+    canvas.press("ArrowLeft")
+    assert picture(tab) != middle
+    card.get_by_role("button", name="Turn to the front: squat").click()
+    assert picture(tab) == middle
+
+
+def test_delete_asks_rename_and_export(tab: Page, studio: Studio, tmp_path: Path) -> None:
+    store = studio.support.store
+    for file in (SQUAT, OTHER_SQUAT):
+        store.enroll("squat", read_clip(file))
+    store.enroll("wave", read_clip(WAVE))
+    tab.get_by_role("button", name="Delete wave").click()
+    dialog = tab.get_by_role("dialog")
+    expect(dialog).to_contain_text("Delete wave with its only example?")
+    expect(dialog.get_by_role("button", name="Cancel")).to_be_focused()
+    check(tab)
+    tab.keyboard.press("Escape")
+    expect(dialog).to_be_hidden()
+    assert len(store.actions()) == 2
+    tab.get_by_role("button", name="Delete wave").click()
+    dialog.get_by_role("button", name="Delete").click()
+    expect(tab.get_by_role("article", name="wave")).to_have_count(0)
+    expect(tab.get_by_role("status").first).to_have_text("wave deleted.")
+    first = store.examples()[0].id
+    tab.get_by_role("button", name=f"Delete example {first} of squat").click()
+    dialog.get_by_role("button", name="Delete").click()
+    card = tab.get_by_role("article", name="squat", exact=True)
+    expect(card).to_contain_text("1 example")
+    tab.get_by_role("button", name="Rename squat").click()
+    dialog.get_by_label("Name").fill("sit down")
+    dialog.get_by_role("button", name="Rename").click()
+    expect(tab.get_by_role("article", name="sit down")).to_be_visible()
+    with tab.expect_download() as download:
+        tab.get_by_role("link", name="Export all").click()
+    assert download.value.suggested_filename == "actions.safetensors"
+    file = tmp_path / "actions.safetensors"
+    download.value.save_as(file)
+    assert SupportStore(tmp_path / "other.db").import_(file) == (1, 0)
+
+
+def test_mistakes_are_told_and_can_be_mended(
+    tab: Page, studio: Studio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("no clip")
+    film = tmp_path / "film.mp4"
+    film.write_bytes(b"no film")
+    send(tab, notes, film)
+    expect(tab.get_by_role("alert").filter(has_text="notes.txt: .txt is neither")).to_be_visible()
+    expect(tab.get_by_role("alert").filter(has_text="film.mp4: not a video")).to_be_visible()
+    check(tab)
+    for name in ("notes.txt", "film.mp4"):
+        tab.get_by_role("button", name=f"Dismiss {name}").click()
+    monkeypatch.setattr(studio, "limit", 1000)
+    tab.reload()
+    send(tab, SQUAT)
+    expect(tab.get_by_role("alert").filter(has_text="larger than 0.001 MB")).to_be_visible()
+    monkeypatch.undo()
+    tab.reload()
+    # Joints without names: the option that settles it.
+    bare = tmp_path / "bare.npy"
+    clip = read_clip(SQUAT)
+    np.save(bare, clip.joints[:, [clip.joint_names.index(name) for name in DEFAULT_JOINTS]])
+    send(tab, bare)
+    expect(tab.get_by_role("article", name="Clip bare.npy").get_by_role("alert")).to_be_visible()
+    tab.get_by_text("How to read files").click()
+    tab.get_by_label("Layout").select_option("default_15")
+    tab.get_by_role("button", name="Try bare.npy again").click()
+    card = tab.get_by_role("article", name="Clip bare.npy")
+    card.get_by_role("button", name="Enrol").click()
+    expect(card.get_by_label("Name of the action")).to_be_focused()
+    card.get_by_label("Name of the action").fill("squat")
+    card.get_by_label("Name of the action").press("Enter")
+    expect(tab.get_by_role("article", name="squat", exact=True)).to_be_visible()
+
+
+def test_other_tabs_and_commands_are_followed(
+    browser: Browser, tab: Page, client: Client, studio: Studio
+) -> None:
+    with opened(browser, client.address, PHONE) as phone:
+        enroll(phone, SQUAT, "squat")
+        expect(tab.get_by_role("article", name="squat", exact=True)).to_be_visible()
+        SupportStore(studio.support.store.path).enroll("wave", read_clip(WAVE))
+        for page in (tab, phone):
+            expect(page.get_by_role("article", name="wave")).to_be_visible()
+        check(phone)
+
+
+def test_without_the_token_there_is_no_page(browser: Browser, client: Client) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    answer = page.goto(client.headers["Origin"] + "/")
+    assert answer is not None
+    assert answer.status == 403
+    assert "with its token" in page.content()
+    context.close()
+
+
+@pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
+def test_a_real_video_is_looked_at_with_progress_and_cancelled(tab: Page, studio: Studio) -> None:
+    send(tab, SHARED / "squat/darebeeW.mp4")
+    card = tab.get_by_role("article", name="Clip darebeeW.mp4")
+    expect(
+        card.get_by_text(re.compile(r"Looking for the person: [\d.]+ of 14\.5 s"))
+    ).to_be_visible()
+    check(tab)
+    card.get_by_role("button", name="Cancel").click()
+    expect(card).to_have_count(0)
+    enroll(tab, SHARED / "squat/hciproM.mp4", "squat")
+    (example,) = studio.support.store.examples("squat")
+    assert example.source == "hciproM.mp4"
+    assert not list(studio.scratch.folder.iterdir())
+
+
+@pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
+def test_recorded_from_the_camera_and_tested_live(tab: Page, studio: Studio) -> None:
+    studio.support.store.enroll("squat", read_clip(SQUAT))
+    tab.get_by_role("button", name="Use the camera").click()
+    expect(tab.locator("#view")).to_contain_text("The body is in view")
+    tab.get_by_label("for").select_option("3")
+    tab.get_by_role("button", name="Record").click()
+    expect(tab.locator("#count")).to_have_text("recording")
+    card = tab.get_by_role("article", name="Clip camera 1.webm")
+    card.get_by_label("Name of the action").fill("jumping jack")
+    check(tab)
+    assert "cut off" not in card.inner_text()
+    card.get_by_role("button", name="Enrol").click()
+    expect(tab.get_by_role("article", name="jumping jack", exact=True)).to_be_visible()
+    (example,) = studio.support.store.examples("jumping jack")
+    assert example.source == "camera 1.webm"
+    assert 0.5 < (example.frames - 1) / example.fps < 4
+    row = tab.locator("#ranking tr").filter(has_text="jumping jack")
+    try:
+        expect(row.locator("td").last).to_have_text(re.compile(r"0\.[5-9]\d|1\.00"))
+        expect(tab.locator("#verdict")).to_have_text("jumping jack")
+    except AssertionError:
+        told = re.search(r"([\d.]+) pictures/s", tab.locator("#view").inner_text())
+        if told and float(told[1]) < 5:
+            pytest.skip(f"this machine looks at {told[1]} pictures a second, too few to follow")
+        raise
+    check(tab)
+    tab.get_by_role("button", name="Stop the camera").click()
+    expect(tab.locator("#camera")).to_be_hidden()
+
+
+def test_a_camera_that_is_refused_is_told(browser: Browser, client: Client) -> None:
+    with opened(browser, client.address) as page:
+        page.evaluate(
+            "void (navigator.mediaDevices.getUserMedia = async () => {"
+            " throw new DOMException('no', 'NotAllowedError'); })"
+        )
+        page.get_by_role("button", name="Use the camera").click()
+        expect(page.get_by_role("alert").filter(has_text="may not use a camera")).to_be_visible()
+
+
+def test_all_by_keyboard(tab: Page, studio: Studio) -> None:
+    studio.support.store.enroll("squat", read_clip(SQUAT))
+    expect(tab.get_by_role("article", name="squat", exact=True).locator("canvas")).to_be_visible()
+    expect(tab.locator("[data-rate=false_accepts]")).to_be_visible()
+    tab.locator("body").press("Home")
+    reached = []
+    for _ in range(40):
+        tab.keyboard.press("Tab")
+        told = tab.evaluate(
+            "(() => { const e = document.activeElement; const shown = e.id === 'files' ?"
+            " e.nextElementSibling : e; const style = getComputedStyle(shown); return [e.tagName,"
+            " e.id || e.getAttribute('aria-label') || e.textContent.trim(),"
+            " style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) > 0]; })()"
+        )
+        if told[0] == "BODY":
+            break
+        reached.append(told)
+    assert [name for _, name, seen in reached if not seen] == []
+    names = {name for _, name, _ in reached}
+    assert {"camera-switch", "files", "tau", "keep", "Rename squat", "Delete squat"} <= names
+    assert "Play or pause: squat" in names
+    assert "Export all" in names
