@@ -32,6 +32,7 @@ _NEEDED = (
 )
 _OPTIONAL = (
     ("PIL", "pillow", "drawings as PNG, GIF, MP4; pip install 'actioncli[report]'"),
+    ("starlette", "starlette", "studio and review --page; pip install 'actioncli[studio]'"),
     ("torch", "torch", "training; pip install 'actioncli[train]'"),
 )
 
