@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -14,6 +16,8 @@ from actioncli.pose.region import Image
 from actioncli.pose.video import Progress, read_poses, read_video_clip
 
 from .videos import numbered, real_frames, rotate_in_header, write_video
+
+MINUTE = 1800  # frames, 30 a second
 
 
 @pytest.fixture(scope="session")
@@ -182,6 +186,31 @@ def test_a_picture_of_8_million_pixels(waving: list[Image], tmp_path: Path) -> N
     assert poses.size == (3840, 2160)
     assert len(poses.times) == 3
     assert (poses.points[:, 0] > 200).all()  # in pixels of that picture
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is asked for as Linux tells it")
+@pytest.mark.parametrize("quality", ["fast", "accurate"])
+def test_memory_for_a_minute_of_such_pictures(
+    waving: list[Image], tmp_path: Path, quality: str
+) -> None:
+    scaled = [cv2.resize(image, (1800, 2160)) for image in waving[:12]]
+    large = [cv2.copyMakeBorder(i, 0, 0, 1020, 1020, cv2.BORDER_REPLICATE) for i in scaled]
+    frames = (large[abs(n // 3 % 22 - 11)] for n in range(MINUTE))
+    path = write_video(tmp_path / "4k.mp4", frames, 30)
+    look = (
+        "import sys; from pathlib import Path;"
+        "from actioncli.pose.video import read_poses;"
+        "poses = read_poses(Path(sys.argv[1]), cache=False, quality=sys.argv[2]);"
+        # Not `getrusage`, which also counts the process that started this one.
+        "peak = Path('/proc/self/status').read_text().split('VmHWM:')[1].split()[0];"
+        "print(len(poses.times), peak)"
+    )
+    words = [sys.executable, "-c", look, str(path), quality]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    seen, memory = map(int, done.stdout.split())
+    assert seen == MINUTE // 2
+    assert memory < 600_000  # kB
 
 
 def test_an_end_after_the_end_is_the_end(waving_video: Path) -> None:
