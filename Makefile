@@ -55,7 +55,10 @@ LICENCES = .venv/bin/pip-licenses --format markdown --with-urls --no-version \
 bench: .venv/installed
 	.venv/bin/python tests/benchmarks/startup.py
 	.venv/bin/python tests/benchmarks/query.py
+	.venv/bin/python tests/benchmarks/size.py
+	.venv/bin/python tests/benchmarks/batch.py
 	.venv/bin/python tests/benchmarks/training.py
+	.venv/bin/python tests/benchmarks/video.py
 
 clean:
 	rm -rf .venv .venv-demo .venv-matrix build dist mutants actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .fuzz
