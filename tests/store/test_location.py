@@ -190,3 +190,16 @@ def test_a_read_only_store_can_be_read(shared_folder: Path) -> None:
             SupportStore(shut / "other.db").enroll("clap", make_clip(1))
 
     assert as_ordinary_user(only_read)
+
+
+def test_names_that_are_too_long_are_refused_before_anything_is_made(tmp_path: Path) -> None:
+    """The journal's name is longer by eight bytes, and SQLite takes 512 of a path."""
+    longest = SupportStore(tmp_path / "home" / ("x" * 247))
+    longest.enroll("wave", make_clip(0))
+    assert longest.check() == []
+    deep = tmp_path / "/".join(["y" * 100] * 5) / "support.db"
+    for path in (tmp_path / "other" / ("x" * 248), tmp_path / "other" / ("ü" * 124), deep):
+        with pytest.raises(StoreError, match="too long for a support set"):
+            SupportStore(path).enroll("wave", make_clip(0))
+        assert SupportStore(path).actions() == []
+    assert [file.name for file in tmp_path.iterdir()] == ["home"]

@@ -262,3 +262,14 @@ def test_the_clock_may_jump(store: SupportStore, tmp_path: Path) -> None:
     other = SupportStore(tmp_path / "other.db")
     other.import_(tmp_path / "out")
     assert other.examples() == store.examples()
+
+
+def test_clear_forgets_the_settings_where_it_is_told_to(store: SupportStore) -> None:
+    store.set_setting("threshold", None)
+    assert not store.path.exists()  # forgetting creates nothing
+    store.enroll("wave", make_clip(0))
+    store.set_setting("threshold", "0.5")
+    assert store.clear() == 1
+    assert store.setting("threshold") == "0.5"
+    assert store.clear(settings=True) == 0
+    assert store.setting("threshold") is None
