@@ -124,9 +124,9 @@ def reliability(score: ArrayLike, hit: ArrayLike, bins: int = 10) -> Reliability
     """
     scores = _of_some(score, "scored")
     column = np.minimum((scores * bins).astype(np.intp), bins - 1)
-    summands = (np.ones_like(scores), scores, np.asarray(hit, np.float64))
-    sums: list[Floats] = [np.bincount(column, values, minlength=bins) for values in summands]
-    return Reliability(*sums)
+    table = np.zeros((3, bins))
+    np.add.at(table, (slice(None), column), [np.ones_like(scores), scores, hit])
+    return Reliability(*table)
 
 
 def pooled(parts: list[Reliability]) -> Reliability:
