@@ -50,7 +50,8 @@ def load(key: str) -> Poses | None:
     try:
         if not _ours(folder):
             return None
-        with np.load(path, allow_pickle=False) as stored:
+        # numpy leaves a file open that it cannot read; this one is closed.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             poses = Poses(
                 times=stored["times"],
                 world=stored["world"],
