@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from actioncli.errors import UsageError
+from actioncli.errors import ClipError, UsageError
 from actioncli.pose import VIDEO_SUFFIXES
 
 if TYPE_CHECKING:
@@ -51,7 +51,14 @@ def read_any(path: str | Path, **options: Any) -> Clip:
         from actioncli.pose.video import read_video_clip
 
         return read_video_clip(path, **given)
-    from actioncli.clips.read import read_clip
+    from actioncli.clips.read import CLIP_SUFFIXES, read_clip
 
+    file = Path(path)
+    if file.suffix.lower() not in CLIP_SUFFIXES and file.exists():
+        wrong = "is a folder and holds none" if file.is_dir() else "has a name of neither kind"
+        raise ClipError(
+            f"{file}: {wrong}; clips end in {', '.join(CLIP_SUFFIXES)}, videos in "
+            f"{', '.join(sorted(VIDEO_SUFFIXES))}."
+        )
     wanted = {name: value for name, value in given.items() if name not in _VIDEO_OPTIONS}
-    return read_clip(Path(path), **wanted)
+    return read_clip(file, **wanted)

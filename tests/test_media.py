@@ -33,3 +33,14 @@ def test_options_without_meaning(path: Path, options: dict[str, float]) -> None:
 def test_a_video_that_is_not_there() -> None:
     with pytest.raises(ClipError, match="No such file"):
         read_any("none.mp4")
+
+
+def test_what_is_neither_is_told_with_both_kinds(tmp_path: Path) -> None:
+    with pytest.raises(ClipError, match=r"is a folder and holds none; clips .*\.npy.*\.mp4"):
+        read_any(tmp_path)
+    picture = tmp_path / "a.png"
+    picture.touch()
+    with pytest.raises(ClipError, match=r"a name of neither kind; clips .*\.npy.*\.mp4"):
+        read_any(picture)
+    with pytest.raises(ClipError, match=r"b\.png: no such file"):
+        read_any(tmp_path / "b.png")

@@ -149,6 +149,11 @@ def _events(
                         recorder.look(clip, frame.time, spotter.ranking, over, busy)
                 view.show(frame, poses, spotter, origin)
             _tell_end(settings, source, origin, count, seen)
+            if count and frame.time < min(spotter.windows):
+                settings.tell(
+                    f"note: {printable(source)}: {frame.time:.1f} s are less than the "
+                    f"{min(spotter.windows):.1f} s that the quickest performance would take"
+                )
         except KeyboardInterrupt:
             pass
         except ClipError as error:

@@ -255,6 +255,7 @@ def test_watch_tells_what_there_was_not(
     assert (done.exit_code, done.stdout) == (0, "")
     assert "the file announces 20 frames and" in done.stderr
     assert "nobody was seen in any of" in done.stderr
+    assert "s that the quickest performance would take" in done.stderr
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
