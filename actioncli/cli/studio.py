@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -102,7 +103,7 @@ def _served(settings: Settings, port: int, open_page: bool) -> Iterator[tuple[Se
     from actioncli.studio.scratch import Scratch
     from actioncli.studio.server import Server
 
-    server = Server(port)
+    server = Server(port, settings.debug)
     try:
         scratch = Scratch()
         try:
@@ -111,10 +112,15 @@ def _served(settings: Settings, port: int, open_page: bool) -> Iterator[tuple[Se
             else:
                 say(server.address)
                 settings.tell("Ctrl-C ends it.")
-            if open_page and not server.open(scratch.folder):
-                note("note: no browser was found here; open the address in one.")
+            if open_page:
+                threading.Thread(target=_open, args=(server, scratch.folder), daemon=True).start()
             yield server, scratch
         finally:
             scratch.close()
     finally:
         server.close()
+
+
+def _open(server: Server, folder: Path) -> None:
+    if not server.open(folder):
+        note("note: no browser was found here; open the address in one.")

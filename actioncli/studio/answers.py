@@ -47,6 +47,7 @@ def application(page: str, routes: list[BaseRoute]) -> Starlette:
         exception_handlers={
             ActionCliError: _told,
             HTTPException: _no_such,
+            Exception: _bug,
         },
     )
 
@@ -103,6 +104,11 @@ def _told(request: Request, error: Exception) -> Response:
     headers = {"Connection": "close"} if status == 413 else None
     told = {"type": type(error).__name__, "message": str(error)}
     return JSONResponse({"error": told}, status, headers)
+
+
+def _bug(request: Request, error: Exception) -> Response:
+    told = f"unexpected {type(error).__name__}: {error} (this is a bug; --debug shows where)"
+    return JSONResponse({"error": {"type": type(error).__name__, "message": told}}, 500)
 
 
 def _no_such(request: Request, error: Exception) -> Response:

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from starlette.applications import Starlette
-from starlette.background import BackgroundTask
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
 from actioncli.clips.layouts import LAYOUTS
@@ -26,7 +25,7 @@ from actioncli.studio.tray import Sent, Tray, check_kind
 
 # Bytes of an upload: minutes of video, where seconds are wanted.
 LARGEST_UPLOAD = 500_000_000
-EXPORT_NAME = "actions.safetensors"
+EXPORT_NAME, _EXPORT_KIND = "actions.safetensors", "application/octet-stream"
 # What may be said about reading a file; see `read_any`.
 _OPTIONS = {"layout": str, "unit": str, "up": str, "fps": float, "start": float, "end": float,
             "person": int, "quality": str}  # fmt: skip
@@ -184,9 +183,14 @@ class Studio:
         """The support set as one file, as `export` writes it."""
         file = self.scratch.file(".safetensors")
         file.unlink()
-        self.support.store.export(file)
-        return FileResponse(
-            file, filename=EXPORT_NAME, background=BackgroundTask(file.unlink, missing_ok=True)
+        try:
+            self.support.store.export(file)
+            content = file.read_bytes()
+        finally:
+            file.unlink(missing_ok=True)
+        disposition = f'attachment; filename="{EXPORT_NAME}"'
+        return Response(
+            content, headers={"Content-Disposition": disposition}, media_type=_EXPORT_KIND
         )
 
 

@@ -93,21 +93,26 @@ async def receive(request: Request, scratch: Scratch, suffix: str, limit: int) -
 
     Raises:
         TooLargeError: the body announces more, which is told before it is read, or has more.
+        UsageError: it cannot be written.
         ClientDisconnect: whoever sent it went away.
     """
     announced = request.headers.get("content-length", "")
     if announced.isdecimal() and int(announced) > limit:
         raise TooLargeError(limit)
-    path, size = scratch.file(suffix), 0
+    size, path = 0, None
     try:
+        path = scratch.file(suffix)
         with path.open("wb") as file:
             async for part in request.stream():
                 size += len(part)
                 if size > limit:
                     raise TooLargeError(limit)
                 file.write(part)
-    except BaseException:
-        path.unlink(missing_ok=True)
+    except BaseException as error:
+        if path is not None:
+            path.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise UsageError(f"The upload cannot be kept: {error.strerror}.") from error
         raise
     return path
 

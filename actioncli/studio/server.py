@@ -7,6 +7,7 @@ import os
 import secrets
 import signal
 import socket
+import sys
 import webbrowser
 from collections.abc import Iterator
 from html import escape
@@ -24,6 +25,8 @@ from actioncli.studio.guard import Guard
 _LARGEST_MESSAGE = 4_000_000
 # Seconds that requests in progress are given at the end.
 _LAST_SECONDS = 1
+# One of them is set where there is a screen, or a browser was chosen.
+_SCREENS = frozenset({"DISPLAY", "WAYLAND_DISPLAY", "BROWSER"})
 
 
 class Server:
@@ -33,8 +36,11 @@ class Server:
         address: what to open.
     """
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, port: int = 0, debug: bool = False) -> None:
         """Take a port; 0 is any that is free.
+
+        Args:
+            debug: whether the traceback of a bug is written to standard error.
 
         Raises:
             UsageError: it cannot be had.
@@ -55,6 +61,7 @@ class Server:
         self.port: int = self._socket.getsockname()[1]
         self._token = secrets.token_urlsafe(32)
         self.address = f"http://127.0.0.1:{self.port}/?token={self._token}"
+        self._debug = debug
         self._uvicorn: uvicorn.Server | None = None
 
     def run(self, app: ASGIApp) -> None:
@@ -65,7 +72,7 @@ class Server:
                 # Addresses hold the token, and the terminal belongs to the command.
                 log_config=None,
                 access_log=False,
-                log_level="critical",
+                log_level="error" if self._debug else "critical",
                 lifespan="off",
                 http="h11",
                 ws="websockets-sansio",
@@ -87,7 +94,7 @@ class Server:
         self._socket.close()
 
     def open(self, folder: Path) -> bool:
-        """Show the page in the user's browser; whether one was found.
+        """Show the page in the user's browser; whether one was found. It may wait for its end.
 
         Whoever lists the machine's processes sees a browser's arguments. So it is given a file
         that only the user can read, which leads to the address.
@@ -95,6 +102,9 @@ class Server:
         Args:
             folder: private one for the file.
         """
+        # Without a screen, a browser for terminals would take over this one.
+        if sys.platform == "linux" and not os.environ.keys() & _SCREENS:
+            return False
         page = folder / "open.html"
         page.touch(mode=0o600)
         address = escape(self.address)

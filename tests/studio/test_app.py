@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import http.client
 import socket
 import threading
@@ -275,3 +276,42 @@ def test_many_at_once(client: Client, studio: Studio) -> None:
         thread.join()
     assert len(studio.support.store.examples()) == len(files)
     assert nothing_left(studio)
+
+
+def test_a_bug_is_told_to_the_page(
+    client: Client, studio: Studio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setattr(studio.support.store, "examples", broken)
+    status, told = client.ask("GET", "/api/state")
+    assert status == 500
+    assert "ZeroDivisionError: by zero (this is a bug" in told["error"]["message"]
+
+
+def test_a_full_disk_is_told(
+    client: Client, studio: Studio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(studio.scratch, "file", full)
+    status, told = client.upload(SQUAT)
+    assert (status, told["error"]["message"]) == (
+        400,
+        "The upload cannot be kept: No space left on device.",
+    )
+
+
+def test_a_damaged_store_is_told(client: Client, studio: Studio) -> None:
+    store = studio.support.store
+    client.enroll(SQUAT, "squat")
+    kept = store.path.read_bytes()
+    try:
+        store.path.write_bytes(b"no database" * 1000)
+        for path in ("/api/state", "/api/measurement", "/api/export"):
+            status, told = client.ask("GET", path)
+            assert (status, told["error"]["type"]) == (503, "StoreError")
+    finally:
+        store.path.write_bytes(kept)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +207,14 @@ def test_a_real_video_is_looked_at_with_progress_and_cancelled(tab: Page, studio
     check(tab)
     card.get_by_role("button", name="Cancel").click()
     expect(card).to_have_count(0)
+    # A page that goes away takes what it sent along.
+    send(tab, SHARED / "squat/darebeeW.mp4")
+    expect(card.get_by_text(re.compile(r"[\d.]+ of 14\.5 s"))).to_be_visible()
+    tab.reload()
+    deadline = time.monotonic() + 30
+    while list(studio.scratch.folder.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not list(studio.scratch.folder.iterdir())
     enroll(tab, SHARED / "squat/hciproM.mp4", "squat")
     (example,) = studio.support.store.examples("squat")
     assert example.source == "hciproM.mp4"

@@ -28,8 +28,7 @@ export class Threshold {
   get trying() { return this.touched ? this.value : null; }
 
   move(tau) {
-    // Rounded up: what is recommended is the smallest that holds.
-    this.slider.value = Math.ceil(100 * tau - 1e-6);
+    this.slider.value = Math.round(100 * tau);
     this.touched = true;
     this.show();
     this.studio.tauChanged();
@@ -61,6 +60,8 @@ export class Threshold {
         const told = await get("/api/measurement");
         if (mine !== this.asking) return;
         this.measured = told.state === "measured" ? told : null;
+        // Rounded up: what is recommended is the smallest that holds.
+        if (told.recommended) told.recommended = Math.ceil(100 * told.recommended - 1e-6) / 100;
         this.share = told.share ?? 0;
         this.show();
         if (told.state !== "measuring") return;
