@@ -372,7 +372,7 @@ class Round:
         self.pipes[receive] = (told, bytearray())
         self.selector.register(receive, selectors.EVENT_READ)
 
-    def listen(self, enough: Callable[[], bool], seconds: float = 120.0) -> None:
+    def listen(self, enough: Callable[[], bool], seconds: float = 900.0) -> None:
         """Hear what the workers say until it is enough, or all have ended, or time is over."""
         end = time.monotonic() + seconds
         while self.pipes and not enough() and (left := end - time.monotonic()) > 0:
