@@ -156,8 +156,42 @@ def test_watch_a_stream_to_its_end(
     assert done.stderr.endswith(f"note: {address}: the stream has ended\n")
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Processes started here heed Ctrl-C, even if the tests run where it is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
-def test_ctrl_c_ends_watching(filled: SupportStore, waving: Path) -> None:
+def test_ctrl_c_while_a_video_is_read_leaves_nothing(
+    shared: Path, tmp_path: Path, home: Path, interruptible: None
+) -> None:
+    video = shared / "video" / "wave_two_hands" / "sudC.avi"
+    reading = f"import signal, sys; sys.argv[1:] = {['extract', str(video), '-o', 'a.npz']!r}\n"
+    # Interrupted for certain in the middle: by the frame that is looked at fifth.
+    reading += (
+        "from actioncli.pose.tracker import Tracker as T\n"
+        "look, times = T.__call__, []\n"
+        "def looked(*words):\n"
+        "    times.append(words[-1])\n"
+        "    if len(times) == 5: signal.raise_signal(signal.SIGINT)\n"
+        "    return look(*words)\n"
+        "T.__call__ = looked\n"
+        "from actioncli.__main__ import main\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", reading], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
+def test_ctrl_c_ends_watching(filled: SupportStore, waving: Path, interruptible: None) -> None:
     sent = threading.Event()
 
     def images() -> Iterator[np.ndarray]:
