@@ -25,8 +25,8 @@ _BLOCK_PAIRS = 1920
 # Queries whose pairs are kept at a time.
 _BLOCK_QUERIES = 16
 
-# Examples up to which every action is compared in full, and how many are beyond; the nearest
-# action is then found with what CONTRIBUTING calls its recall.
+# Examples up to which every action is compared in full, and how many are at least beyond; of
+# recordings, the nearest of 10,000 was among the first 60 by promise (docs/benchmarks.md).
 EXACT = 256
 # Actions that are compared in full, however many examples each of them has.
 _FEWEST = 8
@@ -102,10 +102,11 @@ def scores(
     distance is exp(-logit), the odds against their being the same action; so the nearest action
     is the most confident one.
 
-    D and the radii cost a fiftieth of T and Disc, and the nearest action is always among the
-    first few by their terms alone. So of more than `EXACT` examples only the actions whose two
-    terms are largest are given T and Disc. The others get the least that T and Disc added to any
-    of those: a lower bound of their rank, never nearer than what was compared in full.
+    D and the radii cost a fiftieth of T and Disc. So of more than `EXACT` examples only the
+    actions with the largest promise, the logit without T and Disc, are compared in full, and then
+    all others that would be nearest if T and Disc added to their promise the most that they added
+    to any so far. What is still left is told with the least that they added: never nearer than
+    what was compared in full.
 
     Args:
         queries: (Q, F, E) embeddings.
@@ -127,8 +128,15 @@ def scores(
     parts = _parts(params, config, queries, actions, warped, chosen)
     logit = weighted(config, parts) @ weight + bias
     if chosen is not None:
-        added = np.where(chosen, logit - cheap, np.inf).min(axis=1, keepdims=True)
-        logit = np.where(chosen, logit, cheap + added)
+        best = np.where(chosen, logit, -np.inf).max(axis=1, keepdims=True)
+        most = np.where(chosen, logit - cheap, -np.inf).max(axis=1, keepdims=True)
+        rivals = ~chosen & (cheap + most >= best)
+        if rivals.any():
+            parts = _parts(params, config, queries, actions, warped, rivals)
+            logit = np.where(rivals, weighted(config, parts) @ weight + bias, logit)
+            chosen |= rivals
+        least = np.where(chosen, logit - cheap, np.inf).min(axis=1, keepdims=True)
+        logit = np.where(chosen, logit, cheap + least)
     logit = np.asarray(logit, np.float32)
     return np.exp(np.minimum(-logit, 60)), logit
 
@@ -267,7 +275,9 @@ def warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]
         seen.append(queries[..., config.view_width + at.start : config.view_width + at.stop])
     # Only these columns of all examples are ever side by side.
     examples = np.concatenate([action[..., at] for action in actions])
-    cost = warping_cost(np.concatenate(seen), examples).reshape(len(seen), len(queries), -1)
+    cost = warping_cost(np.concatenate(seen), examples).reshape(
+        len(seen), len(queries), len(examples)
+    )
     cost[1:] *= config.mirrored
     view = cost.argmin(axis=0)
     cost = cost.min(axis=0)

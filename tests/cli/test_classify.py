@@ -173,3 +173,34 @@ def test_ids_of_processes_that_enrol_at_once_are_all_there(
         )
     assert [one.returncode for one in done] == [0] * len(ACTIONS)
     assert [action.label for action in store.actions()] == sorted(ACTIONS)
+
+
+def test_batches_decide_as_each_clip_alone(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    queries = [SQUAT, *sorted(EXAMPLES.glob("wave_*/*.npz"))]
+    for number, query in enumerate(queries):
+        shutil.copy(query, folder / f"{number}.npz")
+    np.save(folder / "3_broken.npy", np.zeros((4, 2)))
+    # A clip whose joints the model cannot use is only found out when its batch is embedded.
+    names = np.array(["nose", "pelv", "lhip", "rhip", "lkne", "lank", "rkne", "rank", "head"])
+    walk = read_clip(SQUAT)
+    some = walk.joints[:, [walk.joint_names.index(name) for name in names]]
+    np.savez(folder / "4_half.npz", joints=some, joint_names=names, fps=30, unit="m", up="y")
+    alone = {
+        path.name: json.loads(invoke("classify", path, "--json").stdout)["clips"][0]
+        for path in sorted(folder.iterdir())
+    }
+    monkeypatch.setattr("actioncli.cli.classify._BATCH", 4)
+    result = invoke("classify", folder, "--json")
+    assert result.exit_code == 3
+    told = json.loads(result.stdout)
+    assert told["failed"] == 2
+    assert [Path(entry["source"]).name for entry in told["clips"]] == sorted(alone)
+    for entry in told["clips"]:
+        other = alone[Path(entry["source"]).name]
+        assert entry.get("error") == other.get("error")
+        assert entry.get("label") == other.get("label")
+        assert entry.get("confidence", 0) == pytest.approx(other.get("confidence", 0), abs=1e-5)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.clips.prepare import BONES, Preparation, prepare, prepared_at, sample
+from actioncli.clips.prepare import BONES, Preparation, prepare, prepare_all, prepared_at, sample
 from actioncli.errors import ClipError
 
 PAPER = Preparation()
@@ -141,3 +141,18 @@ def test_prepared_at_tells_which_frames_were_taken(motion: float) -> None:
     hand = clip.joints[:, AT["rwri"]] - clip.joints[:, AT["pelv"]]
     taken = np.stack([np.interp(at, np.arange(40), hand[:, axis]) for axis in range(3)], axis=1)
     np.testing.assert_allclose(prepare(clip, wanted)[:, AT["rwri"]], taken, atol=0.01)
+
+
+@pytest.mark.parametrize("preparation", [PAPER, Preparation(size="torso"), FULL])
+def test_many_clips_are_prepared_as_each_alone(preparation: Preparation) -> None:
+    others = tuple(reversed(DEFAULT_JOINTS))
+    clips = [
+        Clip(waving(2), DEFAULT_JOINTS),
+        Clip(waving(40, seed=1), DEFAULT_JOINTS),
+        Clip(turned(waving(17, seed=2), 1.0)[:, ::-1], others),
+        Clip(waving(90, seed=3), DEFAULT_JOINTS),
+    ]
+    together = prepare_all(clips, preparation)
+    for clip, frames in zip(clips, together, strict=True):
+        np.testing.assert_allclose(frames, prepare(clip, preparation), atol=1e-5)
+    assert prepare_all([], preparation).shape == (0, *together.shape[1:])

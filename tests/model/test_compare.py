@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +14,15 @@ from hypothesis import strategies as st
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.prepare import prepare
+from actioncli.clips.read import read_clip
 from actioncli.model import compare, trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.features import mirror
+from actioncli.recognizer import Recognizer
 from actioncli.training.recipes import RECIPES
 from tests.clips.test_prepare import waving
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PAPER, DEFAULT = RECIPES["paper"].config, RECIPES["default"].config
 
 
@@ -178,3 +182,67 @@ def test_numpy_and_torch_agree_on_the_default_network() -> None:
         forward(params, clips), forward(tensors, torch.from_numpy(clips)), strict=True
     ):
         np.testing.assert_allclose(ours, theirs.numpy(), atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def varied() -> FloatArray:
+    """Embeddings, by the shipped weights, of the example clips and of 45 that are like them."""
+    clips = [read_clip(path) for path in sorted(EXAMPLES.glob("*/*.npz"))]
+    embeddings = Recognizer().embed(clips)
+    noise = np.random.default_rng(0).normal(1, 0.05, (3, *embeddings.shape))
+    like = (embeddings * noise).astype(np.float32).reshape(-1, *embeddings.shape[1:])
+    return np.concatenate([embeddings, like])
+
+
+@pytest.mark.parametrize("most", [1, 3])
+def test_a_short_list_decides_as_the_exact_comparison(
+    monkeypatch: pytest.MonkeyPatch, varied: FloatArray, most: int
+) -> None:
+    weights = Recognizer().weights
+    # Actions of one example, or of one to three.
+    cuts = np.cumsum([1 + (k % most) for k in range(45 // most)])
+    actions = [part for part in np.split(varied[15:], cuts) if len(part)]
+    queries = varied[:15]
+    exact = compare.scores(weights.tensors, weights.config, queries, actions)[1]
+    monkeypatch.setattr(compare, "EXACT", 12)
+    distance, logit = compare.scores(weights.tensors, weights.config, queries, actions)
+    np.testing.assert_array_equal(logit.argmax(axis=1), exact.argmax(axis=1))
+    np.testing.assert_allclose(
+        compare.sigmoid(logit.max(axis=1)), compare.sigmoid(exact.max(axis=1)), atol=1e-5
+    )
+    # What was left out is told as less likely than it is, and never before what was compared.
+    left_out = ~np.isclose(logit, exact, atol=1e-4)
+    assert left_out.any()
+    for query in range(len(queries)):
+        here = left_out[query]
+        assert (~here).sum() >= compare._FEWEST
+        assert logit[query, here].max() <= logit[query, ~here].min() + 1e-4
+    np.testing.assert_array_equal(distance.argmin(axis=1), exact.argmax(axis=1))
+
+
+def test_a_short_list_does_not_depend_on_the_order_of_enrolment(
+    monkeypatch: pytest.MonkeyPatch, varied: FloatArray
+) -> None:
+    weights = Recognizer().weights
+    monkeypatch.setattr(compare, "EXACT", 10)
+    actions = list(varied[15:, None])
+    order = np.random.default_rng(1).permutation(len(actions))
+    straight = compare.scores(weights.tensors, weights.config, varied[:5], actions)[1]
+    shuffled = compare.scores(
+        weights.tensors, weights.config, varied[:5], [actions[k] for k in order]
+    )[1]
+    np.testing.assert_allclose(shuffled, straight[:, order], atol=1e-4)
+
+
+def test_many_clips_are_decided_as_each_alone(varied: FloatArray) -> None:
+    recognizer = Recognizer()
+    clips = [read_clip(path) for path in sorted(EXAMPLES.glob("*/*.npz"))]
+    support = {str(k): varied[k : k + 2] for k in range(15, 25)}
+    together = recognizer.classify_all(clips, support, negatives=varied[30:32])
+    assert recognizer.classify_all([], support) == []
+    for clip, decision in zip(clips, together, strict=True):
+        alone = recognizer.classify(clip, support, negatives=varied[30:32])
+        assert (decision.label, decision.nearest) == (alone.label, alone.nearest)
+        assert decision.notes == alone.notes
+        assert decision.confidence == pytest.approx(alone.confidence, abs=1e-5)
+        assert [r.label for r in decision.ranking] == [r.label for r in alone.ranking]
