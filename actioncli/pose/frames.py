@@ -22,6 +22,8 @@ AHEAD = 2
 # What a broken header's frame rate is replaced by.
 USUAL_FPS = 30.0
 HIGHEST_FPS = 1000.0
+# Pixels; twice those of an 8K video.
+LARGEST_FRAME = 64 * 10**6
 # OpenCV's lowest level of logging.
 _SILENT = 0
 
@@ -72,6 +74,9 @@ class VideoFile:
         if path.is_dir():
             raise ClipError(f"{path}: is a folder; a video is needed, or a folder that holds some.")
         try:
+            # A pipe or a device could keep the reader waiting for ever.
+            if path.exists() and not (path.is_file() or path.is_dir()):
+                raise ClipError(f"{path}: is not a regular file; save the video as one.")
             with path.open("rb") as file:
                 empty = not file.read(1)
         except OSError as error:
@@ -85,6 +90,16 @@ class VideoFile:
                 f"{path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF can, "
                 "if the file is complete."
             )
+        width, height = (
+            self._capture.get(side)
+            for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        )
+        if width * height > LARGEST_FRAME:
+            self._capture.release()
+            raise ClipError(
+                f"{path}: its frames have {width:.0f} x {height:.0f} pixels, more than the "
+                f"{LARGEST_FRAME // 10**6} million that are looked at; save it smaller."
+            )
         self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         fps = self._capture.get(cv2.CAP_PROP_FPS)
         # A browser's recording has frames that come when they come: 1000 is its clock's rate.
@@ -95,6 +110,7 @@ class VideoFile:
         self.announced = int(count) if known and not clock else 0
         self.duration = count / fps if known and fps > 0 else 0.0
         self.decoded = 0
+        self._reached = 0.0
         self.ended = False
 
     def frames(
@@ -142,7 +158,7 @@ class VideoFile:
             time = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
             if not (math.isfinite(time) and time > last_time):
                 time = last_time + 1 / self.fps
-            last_time = time
+            last_time = self._reached = time
             if time > end:
                 return
             # One frame for each slot of 1 / rate seconds; the others are never converted.
@@ -159,6 +175,9 @@ class VideoFile:
         """What to tell if the file ended much earlier than it announced."""
         missing = self.announced - self.decoded
         if not self.ended or missing <= max(2, 0.02 * self.announced):
+            return None
+        # Where the frame rate varies, as in a browser's recording, the count is only a guess.
+        if self.duration - self._reached <= max(2 / self.fps, 0.02 * self.duration):
             return None
         return (
             f"the file announces {self.announced} frames and {self.decoded} could be decoded; "

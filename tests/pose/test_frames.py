@@ -112,3 +112,24 @@ def test_a_picture_has_one_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     cv2.imwrite(str(path), numbered(1)[0])
     assert len(list(VideoFile(path).frames())) == 1
+
+
+def test_a_varying_rate_is_no_shortfall(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "slow.mp4", numbered(40))
+    slow_down_second_half(path, 3)
+    video = VideoFile(path)
+    assert len(list(video.frames())) == 40
+    video.announced = 80  # as a browser's recording has it: a guess from the shortest step
+    assert video.shortfall() is None
+
+
+def test_a_browsers_recording_does_not_tell_its_length(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "recorded.webm", numbered(30), fourcc="VP80")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\x44\x89\x88")  # the length, which a browser does not know when it begins
+    data[at : at + 11] = b"\xec\x89" + bytes(9)  # nothing, of the same size
+    path.write_bytes(data)
+    video = VideoFile(path)
+    assert video.duration == video.announced == 0
+    assert [number(frame.image) for frame in video.frames()] == list(range(30))
+    assert video.shortfall() is None
