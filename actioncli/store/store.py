@@ -416,10 +416,10 @@ class SupportStore:
     def _damage(self, db: sqlite3.Connection) -> Iterator[str]:
         for (message,) in db.execute("PRAGMA integrity_check"):
             if message != "ok":
-                yield f"{self.path}: {message}"
+                yield f"{self.path} is damaged: {message}. Run `actioncli doctor --repair`."
         orphans = len(db.execute("PRAGMA foreign_key_check").fetchall())
         if orphans:
-            yield f"{self.path}: {orphans} embeddings belong to no example."
+            yield f"{self.path}: {orphans} embeddings belong to no example; they are not used."
         for (example,) in db.execute("SELECT id FROM examples ORDER BY id").fetchall():
             try:
                 read_record(db, self.path, example)
@@ -427,7 +427,10 @@ class SupportStore:
                 yield str(error)
         for name, value, crc in db.execute("SELECT name, value, crc FROM settings"):
             if not intact_setting(name, value, crc):
-                yield f"{self.path}: the calibrated {name} is damaged; it is not used."
+                yield (
+                    f"{self.path}: the calibrated {name} is damaged; `actioncli calibrate --reset` "
+                    "forgets it."
+                )
         for example in damaged_embeddings(db):
             yield f"{self.path}: the embedding of example {example} is damaged; it is not used."
 
