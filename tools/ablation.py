@@ -71,18 +71,22 @@ LINES: Mapping[str, Callable[[Recipe], Recipe]] = {
     "16 frames": preparation(frames=16),
     "frames equidistant in time": preparation(motion=0.0),
     "recorded heading": preparation(heading=False),
-    "recorded proportions": preparation(size="torso"),
     "joint positions alone": model(body_features=False),
     "the paper's MLP as Ψ": model(convolutions=0),
     "attention one way": model(both_ways=False),
     "attention to any place": model(near_pairs=False),
     "squared distance": model(distance="squared"),
+    "joint positions of recorded proportions, T and discriminator alone": lambda recipe: model(
+        body_features=False, warp_width=0, neighbours=0, mirrored=0.0
+    )(preparation(size="torso")(recipe)),
 }
-# These change what is done with a trained network, not its training.
-CLOSING: Mapping[str, Mapping[str, object]] = {
-    "without cohort": {"neighbours": 0},
-    "without mirrored queries": {"mirrored": 0.0},
-    "T and discriminator alone": {"warp_width": 0, "neighbours": 0, "mirrored": 0.0},
+# What is done with the trained network of a line, not its training.
+_ALONE = {"warp_width": 0, "neighbours": 0, "mirrored": 0.0}
+CLOSING: Mapping[str, tuple[str, Mapping[str, object]]] = {
+    "without cohort": ("recipe `default`", {"neighbours": 0}),
+    "without mirrored queries": ("recipe `default`", {"mirrored": 0.0}),
+    "T and discriminator alone": ("recipe `default`", _ALONE),
+    "joint positions, T and discriminator alone": ("joint positions alone", _ALONE),
 }
 
 
@@ -147,16 +151,19 @@ def main() -> None:
             recipe = LINES[line](
                 replace(RECIPES["default"], steps=asked.steps, validate_every=asked.steps)
             )
-            if not kept.exists():
+            told = json.loads(json.dumps(recipe.as_json()))
+            found = json.loads(kept.read_text()) if kept.exists() else {}
+            if found.get("recipe") != told:
                 out = kept.with_suffix(".safetensors")
-                if not out.exists():
-                    train(recipe, data, validation, out, seed, list(by_name))
+                train(recipe, data, validation, out, seed, list(by_name))
                 weights = read_weights(out)
                 rows = {line: measured(weights, measurable, splits)}
-                for other, changes in CLOSING.items() if line == "recipe `default`" else ():
-                    rows[other] = measured(narrowed(weights, changes), measurable, splits)
-                kept.write_text(json.dumps({"recipe": recipe.as_json(), "figures": rows}))
-            for name, figures in json.loads(kept.read_text())["figures"].items():
+                for other, (of, changes) in CLOSING.items():
+                    if of == line:
+                        rows[other] = measured(narrowed(weights, changes), measurable, splits)
+                found = {"recipe": told, "figures": rows}
+                kept.write_text(json.dumps(found))
+            for name, figures in found["figures"].items():
                 table.setdefault(name, []).append(figures)
             print(f"{line}, seed {seed}: {table[line][-1]}", flush=True)
     tell(table)

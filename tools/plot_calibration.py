@@ -40,7 +40,8 @@ def calibration(figures: dict[str, Any]) -> str:
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{1.5 * WIDTH:g}" '
         f'height="{1.5 * HEIGHT:g}" {drawn[1]}>\n<style>\n{colours}{text[0]}\n</style>\n'
-        f'<rect width="100%" height="100%" fill="var(--paper)"/>\n{drawn[2]}</svg>\n'
+        f'<rect width="100%" height="100%" fill="var(--paper)"/>\n{drawn[2]}'
+        '<text x="54" y="26">queries right</text></svg>\n'
     )
 
 
