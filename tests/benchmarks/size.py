@@ -61,8 +61,12 @@ def fill(folder: Path, actions: int, each: int) -> None:
     random = np.random.default_rng(0)
 
     def varied(given: list[actioncli.Clip]) -> np.ndarray:
-        one = embeddings[random.integers(len(embeddings))][None]
-        return one * random.normal(1, 0.05, one.shape).astype(np.float32)
+        # Two motions blended and begun at another time; a like number of near copies would be
+        # unlike any collection of recordings.
+        one, other = embeddings[random.integers(len(embeddings), size=2)]
+        share = np.float32(random.uniform(0.2, 0.8))
+        blend = np.roll(share * one + (1 - share) * other, random.integers(16), axis=0)[None]
+        return blend * random.normal(1, 0.05, blend.shape).astype(np.float32)
 
     def short(number: int) -> actioncli.Clip:
         clip = clips[number % len(clips)]
