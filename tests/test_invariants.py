@@ -24,7 +24,7 @@ from actioncli.recognizer import Comparison
 EXAMPLES = Path(__file__).parents[1] / "examples"
 FILES = sorted(EXAMPLES.glob("*/*.npz"))
 FEW = settings(max_examples=12, deadline=None)
-MANY = settings(max_examples=60, deadline=None)
+MANY = settings(max_examples=40, deadline=None)
 # Beyond rounding: of float32 sums in another order, and of float32 coordinates far from zero.
 ROUNDING = 1e-5
 FAR = 2e-3
@@ -181,11 +181,28 @@ def mirrored(support: Mapping[str, Sequence[Clip]]) -> dict[str, list[Clip]]:
     return {label: [in_the_mirror(clip) for clip in kept] for label, kept in support.items()}
 
 
-@FEW
-@given(query=clips())
-def test_the_mirror(recognizer: Recognizer, query: Clip) -> None:
-    seen = recognizer.compare([in_the_mirror(query)], mirrored(SUPPORT))
-    same(recognizer.compare([query], SUPPORT), seen, FAR)
+def test_the_mirror(recognizer: Recognizer) -> None:
+    """A left hand is to a left hand what a right one is to a right one.
+
+    The warping cost and the network have learned this, it is not built into them: decisions are
+    the same, confidences nearly.
+    """
+    queries = list(CLIPS.values())
+    as_it_is = recognizer.compare(queries, SUPPORT)
+    seen = recognizer.compare([in_the_mirror(query) for query in queries], mirrored(SUPPORT))
+    assert (as_it_is.distance.argmin(axis=1) == seen.distance.argmin(axis=1)).all()
+    np.testing.assert_array_equal(as_it_is.confidence > 0.5, seen.confidence > 0.5)
+    np.testing.assert_allclose(as_it_is.confidence, seen.confidence, atol=0.15, rtol=0)
+
+
+def test_mirrored_twice_is_the_clip_itself(recognizer: Recognizer) -> None:
+    """In other columns: their order says nothing, their names do."""
+    for clip in CLIPS.values():
+        again = in_the_mirror(in_the_mirror(clip))
+        columns = [again.joint_names.index(name) for name in clip.joint_names]
+        np.testing.assert_array_equal(again.joints[:, columns], clip.joints)
+        shuffled = Clip(again.joints, again.joint_names, again.fps)
+        same(recognizer.compare([clip], SUPPORT), recognizer.compare([shuffled], SUPPORT), ROUNDING)
 
 
 def content(store: SupportStore, recognizer: Recognizer) -> dict[str, Any]:
