@@ -124,8 +124,8 @@ def reliability(score: ArrayLike, hit: ArrayLike, bins: int = 10) -> Reliability
     """
     scores = _of_some(score, "scored")
     column = np.minimum((scores * bins).astype(np.intp), bins - 1)
-    table = np.zeros((3, bins))
-    np.add.at(table, (slice(None), column), [np.ones_like(scores), scores, hit])
+    summands = (np.ones_like(scores), scores, np.asarray(hit, np.float64))
+    table = np.array([np.bincount(column, values, bins) for values in summands], np.float64)
     return Reliability(*table)
 
 
