@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import struct
+from collections.abc import Awaitable, Callable
 from typing import Any
 
-import anyio.to_thread
 import cv2
 import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -16,7 +17,7 @@ from actioncli.errors import ActionCliError, UsageError
 from actioncli.events import STRIDE, Event, Spotter
 from actioncli.pose.annotate import bones
 from actioncli.pose.frames import Frame
-from actioncli.pose.sides import LIMBS
+from actioncli.pose.sides import JOINT_NAMES, LIMBS
 from actioncli.pose.stream import PoseStream
 from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.studio.answers import checked_tau
@@ -128,20 +129,20 @@ class Camera:
         return told
 
 
-def live_endpoint(support: SupportSet) -> Any:
+def live_endpoint(support: SupportSet) -> Callable[[WebSocket], Awaitable[None]]:
     """The WebSocket of a camera: pictures in, one answer to each out, in order."""
 
     async def live(socket: WebSocket) -> None:
         await socket.accept()
         try:
-            camera = await anyio.to_thread.run_sync(Camera, support)
+            camera = await asyncio.to_thread(Camera, support)
             await socket.send_json({"bones": _bones()})
             while True:
                 message = await socket.receive()
                 if message["type"] == "websocket.disconnect":
                     return
                 if message.get("bytes") is not None:
-                    told = await anyio.to_thread.run_sync(camera.frame, message["bytes"])
+                    told = await asyncio.to_thread(camera.frame, message["bytes"])
                     await socket.send_json(told)
                 else:
                     camera.use(_tau(message.get("text") or ""))
@@ -155,8 +156,13 @@ def live_endpoint(support: SupportSet) -> Any:
 
 
 def _bones() -> list[tuple[int, int, str]]:
-    sides = {(230, 159, 0): "left", (0, 94, 213): "right"}
-    return [(start, end, sides.get(colour, "middle")) for start, end, colour in bones()]
+    """Columns of both ends, and the side of the body, of each bone that is drawn on film."""
+    return [(start, end, _side(start, end)) for start, end, _ in bones()]
+
+
+def _side(*columns: int) -> str:
+    sides = {JOINT_NAMES[column][0] for column in columns if JOINT_NAMES[column] != "nose"}
+    return {"l": "left", "r": "right"}[sides.pop()] if len(sides) == 1 else "middle"
 
 
 def _tau(text: str) -> float | None:

@@ -65,7 +65,7 @@ def opened(browser: Browser, address: str, size: tuple[int, int] = DESKTOP) -> I
 def check(page: Page) -> None:
     """The page is accessible and fits its window, light and dark."""
     for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
+        page.emulate_media(color_scheme=scheme)
         found = Axe().run(page)
         assert found.violations_count == 0, found.generate_report()
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0

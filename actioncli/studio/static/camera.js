@@ -15,7 +15,7 @@ const sleep = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds
 export class Camera {
   // studio: { state, tau() }; tray takes what is recorded
   constructor(studio, tray) {
-    Object.assign(this, { studio, tray, stream: null, socket: null, busy: false, number: 0, last: null, times: [] });
+    Object.assign(this, { studio, tray, stream: null, socket: null, busy: false, starting: false, number: 0, last: null, times: [] });
     this.video = byId("video");
     this.picture = el("canvas");
     byId("camera-switch").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
@@ -24,6 +24,13 @@ export class Camera {
   }
 
   async start(device) {
+    if (this.starting) return;
+    this.starting = true;
+    await this.open(device);
+    this.starting = false;
+  }
+
+  async open(device) {
     const size = { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
     try {
       if (!navigator.mediaDevices) throw new Error("this browser gives pages no camera");
@@ -40,10 +47,12 @@ export class Camera {
     byId("camera-switch").textContent = "Stop the camera";
     byId("events").replaceChildren();
     this.verdict("none", "Looking …");
-    await this.video.play();
-    const settings = this.stream?.getVideoTracks()[0].getSettings();
+    const { stream } = this;
+    await this.video.play().catch(() => {}); // stopped again meanwhile
+    if (this.stream !== stream) return;
+    const settings = stream.getVideoTracks()[0].getSettings();
     this.video.parentElement.style.aspectRatio = `${this.video.videoWidth} / ${this.video.videoHeight}`;
-    await this.offerCameras(settings?.deviceId);
+    await this.offerCameras(settings.deviceId);
     this.connect();
   }
 
