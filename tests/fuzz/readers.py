@@ -30,6 +30,7 @@ from actioncli.model import weights
 from actioncli.store import archive
 from actioncli.store.record import Record, _content_checksum
 from actioncli.store.store import SupportStore
+from actioncli.threshold import kept_threshold
 
 Parts = Sequence[bytes]
 CORPUS = Path(__file__).parent / "corpus"
@@ -70,6 +71,7 @@ def _archive(file: Path) -> object:
         store.import_(file)
         assert store.check() == []
         store.support()
+        kept_threshold(store)
         return found
     finally:
         if home.exists():
@@ -118,14 +120,16 @@ def _unpack_archive(content: bytes) -> Parts:
     length = int.from_bytes(content[:8], "little")
     header = json.loads(content[8 : 8 + length])
     try:
-        return [header["__metadata__"]["examples"].encode(), content[8 + length :]]
+        told = header["__metadata__"]
+        settings = told.get("settings", "{}").encode()
+        return [told["examples"].encode(), content[8 + length :], settings]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError from error
 
 
 def _pack_archive(parts: Parts) -> bytes:
-    """The file that a forger would make for this manifest and these tensors."""
-    manifest, tensors = json.loads(parts[0]), parts[1]
+    """The file that a forger would make for this manifest, these tensors and these settings."""
+    manifest, tensors, settings = json.loads(parts[0]), parts[1], json.loads(parts[2])
     try:
         at, entries = 0, []
         for fields in manifest:
@@ -143,7 +147,7 @@ def _pack_archive(parts: Parts) -> bytes:
                 archive.Entry(Record(**known, joints=b"", confidence=None), fields["confidence"])
             )
             at = end
-        header = archive._header(entries)
+        header = archive._header(entries, settings)
     except (KeyError, TypeError, AttributeError, OverflowError, MemoryError) as error:
         raise ValueError from error
     text = json.dumps(header, ensure_ascii=False).encode("utf-8", "surrogatepass")

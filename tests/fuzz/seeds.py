@@ -34,6 +34,7 @@ from actioncli.clips.prepare import Preparation
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.store.store import SupportStore
+from actioncli.threshold import Threshold, keep_threshold
 from fuzz.readers import CORPUS, READERS, _pack_weights
 
 BODY = waving(9)[1:4].round(2)
@@ -72,6 +73,9 @@ def main() -> None:
         store.enroll("noise", Clip(BODY[:, 3:4], ["joint"], source="b.csv"), negative=True)
         store.export(Path(folder, "export"))
         (CORPUS / "archive/seed").write_bytes(Path(folder, "export").read_bytes())
+        keep_threshold(store, Threshold(0.4, "a" * 64, {"wave": 0.3}))
+        store.export(Path(folder, "export"))
+        (CORPUS / "archive/seed-threshold").write_bytes(Path(folder, "export").read_bytes())
     (CORPUS / "weights/seed").write_bytes(_weights())
     splits = {"a": {"train": ["x"], "benchmark": ["y"]}, "b": {"excluded": ["z", "w"]}}
     (CORPUS / "splits/seed").write_text(json.dumps(splits))

@@ -137,12 +137,12 @@ def test_paths_in_an_export_are_refused(tmp_path: Path) -> None:
     reader = READERS["archive"]
     assert reader.unpack is not None
     assert reader.pack is not None
-    manifest, tensors = reader.unpack((CORPUS / "archive" / "seed").read_bytes())
+    manifest, tensors, settings = reader.unpack((CORPUS / "archive" / "seed").read_bytes())
     for source in ("../../../etc/passwd", "/etc/passwd", "a\x1b[2J", "..", "a\nb"):
         entries = json.loads(manifest)
         entries[0]["source"] = source
         file = tmp_path / "evil.safetensors"
-        file.write_bytes(reader.pack([json.dumps(entries).encode(), tensors]))
+        file.write_bytes(reader.pack([json.dumps(entries).encode(), tensors, settings]))
         with pytest.raises(ActionCliError, match="Nothing was imported"):
             SupportStore(tmp_path / "store" / "support.db").import_(file)
         assert not (tmp_path / "store").exists()
