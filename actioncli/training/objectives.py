@@ -148,7 +148,8 @@ class ManyWays:
         keys, values = trx_os.pairs(
             params, config, trx_os.project(params, config, features), chosen
         )
-        bias = trx_os.place_bias(params, config, keys, chosen).bfloat16()
+        bias = trx_os.place_bias(params, config, keys, chosen)
+        bias = bias.bfloat16() if config.near_pairs else bias
         weights = trx_os.attention(keys[ways:, None], keys[None, :ways], bias)
         there = values[ways:, None] - trx_os.prototypes(weights, values[None, :ways])
         if not config.both_ways:
