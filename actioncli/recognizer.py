@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import prepare_all
-from actioncli.errors import SupportError
+from actioncli.errors import SupportError, WeightsError
 from actioncli.model import compare
 from actioncli.model.weights import Weights, read_weights
 from actioncli.windows import odds_factor, windows
@@ -135,6 +135,7 @@ class Recognizer:
 
         Raises:
             SupportError: no action, or an action without examples.
+            WeightsError: a score is no number.
         """
         if not support:
             raise SupportError("the support set is empty; enrol an action first.")
@@ -145,6 +146,11 @@ class Recognizer:
                 raise SupportError(f"the action {label!r} has no examples.")
         config = self.weights.config
         distance, logit = compare.scores(self.weights.tensors, config, query, examples)
+        # Finite weights may be so large that sums of them are not.
+        if np.isnan(distance).any() or np.isnan(logit).any():
+            raise WeightsError(
+                f"{self.weights.path}: gives scores that are no numbers; train again."
+            )
         return Comparison(
             labels=np.array(list(support), dtype=np.str_),
             distance=distance,

@@ -234,3 +234,17 @@ def test_a_pipe_keeps_nobody_waiting(tmp_path: Path, name: str) -> None:
     os.mkfifo(pipe)
     with pytest.raises(ActionCliError, match=r"a regular file|ordinary file"):
         READERS[name].read(pipe)
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered:RuntimeWarning")
+def test_weights_beyond_all_measure_give_an_error_and_no_score(tmp_path: Path) -> None:
+    from actioncli import Clip, Recognizer
+    from actioncli.model.trx_os import parameter_shapes
+    from actioncli.model.weights import write_weights
+
+    tensors = {name: np.full(s, 3e38, "f4") for name, s in parameter_shapes(SMALL).items()}
+    write_weights(tmp_path / "w.safetensors", SMALL, tensors, {})
+    joints = np.arange(90.0).reshape(6, 5, 3)
+    clip = Clip(joints, ["lhip", "rhip", "lsho", "rsho", "head"])
+    with pytest.raises(WeightsError, match="no numbers"):
+        Recognizer(tmp_path / "w.safetensors").classify(clip, {"a": [clip]})
