@@ -86,7 +86,7 @@ class Client:
 
     def read(self, number: str) -> dict[str, Any]:
         """What has become of a clip that was sent."""
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 120
         while time.monotonic() < deadline:
             told: dict[str, Any] = self.get(f"/api/clips/{number}")
             if told["state"] != "reading":

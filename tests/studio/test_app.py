@@ -26,7 +26,7 @@ def left_behind(studio: Studio) -> list[Path]:
 
 def nothing_left(studio: Studio) -> bool:
     """Within a second; what ends a request ends it in its own time."""
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 60
     while left_behind(studio) and time.monotonic() < deadline:
         time.sleep(0.02)
     return not left_behind(studio)
@@ -186,7 +186,7 @@ def test_a_file_of_the_wrong_kind_is_refused_and_named(
 
 
 def test_what_is_too_large_is_refused_before_it_is_read(client: Client, studio: Studio) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", client.port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", client.port, timeout=60)
     connection.putrequest("POST", "/api/clips?name=film.mp4")
     for name, value in {**client.headers, "Content-Length": str(5 * 10**9)}.items():
         connection.putheader(name, value)
@@ -205,7 +205,7 @@ def test_what_does_not_announce_its_size_is_cut_off(
 ) -> None:
     monkeypatch.setattr(studio, "limit", 300_000)
     sent = 0
-    with socket.create_connection(("127.0.0.1", client.port), timeout=20) as raw:
+    with socket.create_connection(("127.0.0.1", client.port), timeout=60) as raw:
         headers = {**client.headers, "Host": f"127.0.0.1:{client.port}"}
         lines = [f"{name}: {value}" for name, value in headers.items()]
         start = ["POST /api/clips?name=film.mp4 HTTP/1.1", "Transfer-Encoding: chunked", *lines]
@@ -222,12 +222,12 @@ def test_what_does_not_announce_its_size_is_cut_off(
 
 
 def test_a_tab_that_is_closed_while_it_sends_leaves_nothing(client: Client, studio: Studio) -> None:
-    with socket.create_connection(("127.0.0.1", client.port), timeout=20) as raw:
+    with socket.create_connection(("127.0.0.1", client.port), timeout=60) as raw:
         headers = {**client.headers, "Host": f"127.0.0.1:{client.port}"}
         lines = [f"{name}: {value}" for name, value in headers.items()]
         start = ["POST /api/clips?name=film.mp4 HTTP/1.1", "Content-Length: 1000000", *lines]
         raw.sendall("\r\n".join([*start, "", ""]).encode() + bytes(200_000))
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 60
         while not left_behind(studio) and time.monotonic() < deadline:
             time.sleep(0.01)
         (file,) = left_behind(studio)

@@ -39,7 +39,7 @@ def message(time: float, image: Any) -> bytes:
 
 
 def told(socket: ClientConnection) -> dict[str, Any]:
-    answer: dict[str, Any] = json.loads(socket.recv(timeout=30))
+    answer: dict[str, Any] = json.loads(socket.recv(timeout=120))
     return answer
 
 
@@ -90,14 +90,14 @@ def test_what_is_no_picture_ends_it(socket: ClientConnection, wrong: bytes | str
     socket.send(wrong)
     assert why in told(socket)["error"]
     with pytest.raises(ConnectionClosed):
-        socket.recv(timeout=10)
+        socket.recv(timeout=60)
 
 
 def test_a_message_beyond_all_measure_ends_it(socket: ClientConnection) -> None:
     told(socket)
     socket.send(bytes(5_000_000))
     with pytest.raises(ConnectionClosed):
-        socket.recv(timeout=10)
+        socket.recv(timeout=60)
 
 
 @needs_film

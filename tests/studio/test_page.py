@@ -211,7 +211,7 @@ def test_a_real_video_is_looked_at_with_progress_and_cancelled(tab: Page, studio
     send(tab, SHARED / "squat/darebeeW.mp4")
     expect(card.get_by_text(re.compile(r"[\d.]+ of 14\.5 s"))).to_be_visible()
     tab.reload()
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while list(studio.scratch.folder.iterdir()) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not list(studio.scratch.folder.iterdir())

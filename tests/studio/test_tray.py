@@ -45,7 +45,7 @@ def film(tmp_path: Path, minute: Path) -> Path:
     return Path(shutil.copy(minute, tmp_path))
 
 
-def until(done: Callable[[], bool], seconds: float = 20) -> None:
+def until(done: Callable[[], bool], seconds: float = 60) -> None:
     deadline = time.monotonic() + seconds
     while not done() and time.monotonic() < deadline:
         time.sleep(0.01)
