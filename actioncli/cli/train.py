@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -53,12 +54,14 @@ def train(
     Needs the extra: pip install 'actioncli[train]'. Some classes are held out to tell how well
     the model does on actions that it has never seen, and the best weights on those are kept.
     A run that was interrupted goes on where it was when the same command is given again.
+    Several processes share the steps of one run under torchrun; --threads is then each one's.
 
     \b
     Examples:
       actioncli train recordings/*.npz --out my.safetensors
       actioncli train recordings/*.npz --recipe paper --splits splits.json --out paper.safetensors
       actioncli classify query.npy --weights my.safetensors
+      torchrun --standalone --nproc-per-node 2 -m actioncli train a.npz --out my.safetensors
 
     \b
     JSON keys:
@@ -74,11 +77,14 @@ def train(
     from actioncli.model.weights import read_weights
     from actioncli.training import loop
     from actioncli.training.data import hold_out, training_set
+    from actioncli.training.distributed import launched
     from actioncli.training.recipes import RECIPES
     from actioncli.training.validation import Validation
 
     if recipe not in RECIPES:
         raise UsageError(f"unknown recipe {recipe!r}; there are {', '.join(RECIPES)}.")
+    if not launched().first:
+        settings = replace(settings, quiet=True)
     if threads is not None:
         torch.set_num_threads(threads)
     chosen = RECIPES[recipe]
@@ -102,6 +108,8 @@ def train(
             [collection.name for collection in read],
             report,
         )
+    if not launched().first:
+        return
     weights = read_weights(out)
     best = weights.metadata["validation"]
     seconds = time.monotonic() - begun

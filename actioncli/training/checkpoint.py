@@ -19,7 +19,7 @@ class TrainingState:
     """State after `step` steps.
 
     Attributes:
-        params: the model's tensors.
+        params: the model's tensors, each a `torch.nn.Parameter`.
         optimizer: Adam over `params`, in their order.
         average: running average of `params`, what is validated and kept.
         best: the tensors that did best on the validation classes so far.
@@ -90,7 +90,9 @@ def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
             if name.startswith(prefix)
         }
 
-    params = {name: tensor.requires_grad_() for name, tensor in group("param/").items()}
+    params: dict[str, Tensor] = {
+        name: torch.nn.Parameter(tensor) for name, tensor in group("param/").items()
+    }
     optimizer = new_optimizer(params)
     for key in ("step", "exp_avg", "exp_avg_sq"):
         for name, moment in group(f"adam/{key}/").items():

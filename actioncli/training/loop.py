@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import signal
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -17,7 +21,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from actioncli._version import __version__
-from actioncli.errors import UsageError
+from actioncli.claims import claimed
+from actioncli.errors import UsageError, WeightsError
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes, positional_encoding
 from actioncli.model.weights import Weights, write_weights
@@ -29,6 +34,7 @@ from actioncli.training.checkpoint import (
 )
 from actioncli.training.closing import close
 from actioncli.training.data import TrainingSet
+from actioncli.training.distributed import joined
 from actioncli.training.objectives import objective
 from actioncli.training.recipes import Recipe
 from actioncli.training.validation import Validation
@@ -70,6 +76,10 @@ def train(
     Ctrl-C; it is deleted when the run is complete. A resumed run ends with the same weights as
     one that was never interrupted (same machine, same number of threads).
 
+    Under `torchrun` its processes share each step; the first one validates, reports and writes.
+    Losses and weights are those of one process but for the order in which floats are added, and
+    a run may go on with another number of processes.
+
     Args:
         recipe: what to do.
         data: training clips.
@@ -81,7 +91,8 @@ def train(
 
     Raises:
         UsageError: too few classes for the recipe's episodes.
-        WeightsError: weights or checkpoint cannot be written, or belong to another run.
+        WeightsError: weights or checkpoint cannot be written, belong to another run, or another
+            run is writing them.
     """
     usable = sum(len(rows) > 1 for rows in data.members.values())
     if usable <= recipe.ways:
@@ -89,44 +100,75 @@ def train(
             f"recipe {recipe.name} needs more than {recipe.ways} classes with at least 2 clips "
             f"to train on; the collections have {usable}."
         )
-    checkpoint = out.with_name(out.name + ".checkpoint")
     identity = [recipe.as_json(), seed, data.fingerprint, validation.data.fingerprint]
     fingerprint = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-    descend = objective(recipe, data)
-    state = load_checkpoint(checkpoint, fingerprint)
-    if state is None:
-        state = _new_state(recipe.config, descend.extra_parameters(), seed)
-    begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
-    loss = accuracy = 0.0
-    try:
-        while state.step < recipe.steps:
-            result = descend.loss(state.params, np.random.default_rng([seed, state.step]))
-            result.loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
-            _step(recipe, state)
-            state.step += 1
-            done = state.step - first_step
-            blend = max(1 / 50, 1 / done)
-            loss += blend * (result.loss.item() - loss)
-            accuracy += blend * (result.accuracy - accuracy)
-            if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
-                _validate(state, recipe.config, validation)
-            if time.monotonic() - saved > CHECKPOINT_SECONDS:
+    checkpoint = out.with_name(out.name + ".checkpoint")
+    processes = joined()
+    with (
+        claimed(out, "train", WeightsError) if processes.first else contextlib.nullcontext(),
+        _interrupts_noted() as interrupted,
+    ):
+        processes.wait()  # until the first one has made its claim
+        descend = objective(recipe, data, processes)
+        state = load_checkpoint(checkpoint, fingerprint)
+        if state is None:
+            state = _new_state(recipe.config, descend.extra_parameters(), seed)
+        processes.check_same("recipe, seed, data and checkpoint", f"{fingerprint} {state.step}")
+        step = processes.together(state.params, partial(descend.loss, state.params))
+        begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
+        loss = accuracy = 0.0
+        try:
+            while state.step < recipe.steps:
+                share, accuracy_share = step(np.random.default_rng([seed, state.step]))
+                share.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
+                _step(recipe, state)
+                state.step += 1
+                # All processes hear of an interrupt at the end of the same step.
+                now = processes.gather(
+                    share.item() / processes.count, accuracy_share, interrupted.is_set()
+                ).sum(axis=0)
+                done = state.step - first_step
+                blend = max(1 / 50, 1 / done)
+                loss += blend * (float(now[0]) - loss)
+                accuracy += blend * (float(now[1]) - accuracy)
+                if processes.first:
+                    if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
+                        _validate(state, recipe.config, validation)
+                    if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                        save_checkpoint(checkpoint, state, fingerprint)
+                        saved = time.monotonic()
+                    pace = (time.monotonic() - begun) / done
+                    report(
+                        Progress(
+                            state.step,
+                            recipe.steps,
+                            loss,
+                            accuracy,
+                            pace * (recipe.steps - state.step),
+                            state.history[-1] if state.history else None,
+                        )
+                    )
+                if now[2]:
+                    raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            if processes.first:
                 save_checkpoint(checkpoint, state, fingerprint)
-                saved = time.monotonic()
-            pace = (time.monotonic() - begun) / done
-            report(
-                Progress(
-                    state.step,
-                    recipe.steps,
-                    loss,
-                    accuracy,
-                    pace * (recipe.steps - state.step),
-                    state.history[-1] if state.history else None,
-                )
-            )
-    except KeyboardInterrupt:
-        save_checkpoint(checkpoint, state, fingerprint)
-        raise
+            raise
+        if processes.first:
+            _write(out, recipe, state, data, seed, sources)
+            checkpoint.unlink(missing_ok=True)
+    return out
+
+
+def _write(
+    out: Path,
+    recipe: Recipe,
+    state: TrainingState,
+    data: TrainingSet,
+    seed: int,
+    sources: Sequence[str],
+) -> None:
+    """Write the weights that did best."""
     best = max(state.history, key=lambda entry: entry["score"])
     learned = {name: state.best[name].numpy() for name in parameter_shapes(recipe.config)}
     arrays = close(recipe.config, learned, data, seed)
@@ -141,8 +183,22 @@ def train(
         "sources": list(sources),
     }
     write_weights(out, recipe.config, arrays, metadata)
-    checkpoint.unlink(missing_ok=True)
-    return out
+
+
+@contextlib.contextmanager
+def _interrupts_noted() -> Iterator[threading.Event]:
+    """Ctrl-C sets the event: in the middle of a step the state is neither old nor new."""
+    noted = threading.Event()
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler or (
+        threading.current_thread() is not threading.main_thread()
+    ):
+        yield noted
+        return
+    signal.signal(signal.SIGINT, lambda *_: noted.set())
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _step(recipe: Recipe, state: TrainingState) -> None:
@@ -192,9 +248,9 @@ def _new_state(config: ModelConfig, extra: dict[str, float], seed: int) -> Train
         else:
             fan_in = shape[0] if len(shape) == 2 else fan_in
             values = rng.uniform(-1, 1, shape) / math.sqrt(fan_in)
-        params[name] = torch.tensor(values, dtype=torch.float32, requires_grad=True)
+        params[name] = torch.nn.Parameter(torch.tensor(values, dtype=torch.float32))
     for name, value in extra.items():
-        params[name] = torch.tensor(value, requires_grad=True)
+        params[name] = torch.nn.Parameter(torch.tensor(value))
     # In the order in which a checkpoint gives them back: sums of floats depend on it.
     params = dict(sorted(params.items()))
     average = {name: tensor.detach().clone() for name, tensor in params.items()}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from actioncli.errors import UsageError
 from actioncli.evaluation.metrics import auroc, oscr
 from actioncli.model.weights import Weights
 from actioncli.recognizer import Recognizer
@@ -42,7 +43,16 @@ class Validation:
         Args:
             data: clips of the validation classes.
             seed: of the episodes.
+
+        Raises:
+            UsageError: too few classes.
         """
+        usable = sum(len(rows) > 1 for rows in data.members.values())
+        if usable <= WAYS:
+            raise UsageError(
+                f"the collections have too few classes: of those with at least 2 clips {usable} "
+                f"can be held out for validation, and it needs more than {WAYS}."
+            )
         self.data = data
         drawn = draw_episodes(data, EPISODES, WAYS, np.random.default_rng([seed, 0x7A1]))
         used, at = np.unique(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -114,6 +115,35 @@ def test_too_few_classes_are_told(world: TrainingSet, tmp_path: Path) -> None:
     _, held = hold_out(world, 0)
     with pytest.raises(UsageError, match="needs more than 5 classes"):
         train(RECIPES["paper"], few, Validation(held, 0), tmp_path / "w", 0, [])
+
+
+def test_one_run_at_a_time_writes_a_file(world: TrainingSet, tmp_path: Path) -> None:
+    out = tmp_path / "w.safetensors"
+
+    def again(now: Progress) -> None:
+        run(world, out)
+
+    with pytest.raises(WeightsError, match="another run of `train` is writing it"):
+        run(world, out, report=again)
+    assert not list(tmp_path.glob("*.lock"))
+    run(world, out)
+
+
+def test_ctrl_c_waits_for_the_end_of_the_step(world: TrainingSet, tmp_path: Path) -> None:
+    out = tmp_path / "w.safetensors"
+    steps: list[int] = []
+
+    def interrupt(now: Progress) -> None:
+        steps.append(now.step)
+        if now.step == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(world, out, report=interrupt)
+    assert steps == [1, 2, 3]
+    run(world, out, report=lambda now: steps.append(now.step))
+    assert steps == [1, 2, 3, 4, 5, 6]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_held_out_classes_are_disjoint_and_stable(world: TrainingSet) -> None:
