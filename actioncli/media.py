@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +55,7 @@ def read_any(path: str | Path, **options: Any) -> Clip:
     from actioncli.clips.read import CLIP_SUFFIXES, read_clip
 
     file = Path(path)
-    if file.suffix.lower() not in CLIP_SUFFIXES and file.exists():
+    if file.suffix.lower() not in CLIP_SUFFIXES and os.path.lexists(file):
         wrong = "is a folder and holds none" if file.is_dir() else "has a name of neither kind"
         raise ClipError(
             f"{file}: {wrong}; clips end in {', '.join(CLIP_SUFFIXES)}, videos in "

@@ -34,7 +34,7 @@ class TooLargeError(UsageError):
     def __init__(self, limit: int) -> None:
         """Say how much is taken, bytes."""
         super().__init__(
-            f"The file is larger than {limit / 1e6:.0f} MB, more than is taken here. Cut out the "
+            f"The file is larger than {limit / 1e6:g} MB, more than is taken here. Cut out the "
             "action, or use the command line, which reads files where they are."
         )
 

@@ -73,12 +73,13 @@ async function decide(what) {
       delete: `${clip.file} deleted.`,
     }[what]);
     waiting.splice(place, 1);
-    await show();
   } catch (error) {
     problem(error.message);
+    return;
   } finally {
-    busy = false;
+    busy = false; // the next clip can be decided on while its picture is still on the way
   }
+  await show();
 }
 
 function problem(text) {
