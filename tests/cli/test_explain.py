@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from report.browser import ask, needs_chromium
+from report.browser import accessible, ask, needs_chromium
 
 from actioncli import SupportStore
 
@@ -70,6 +70,13 @@ def test_what_cannot_be_explained_is_told_first(
     assert result.exit_code == 2
     assert message in result.stderr
     assert not list(tmp_path.glob("*.html"))
+
+
+@needs_chromium
+def test_the_page_is_for_everyone(invoke: Invoke, filled: SupportStore, tmp_path: Path) -> None:
+    page = tmp_path / "why.html"
+    invoke("classify", PUNCH, "--explain", page)
+    accessible(page)
 
 
 @needs_chromium

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import sync_playwright
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
@@ -63,3 +65,37 @@ def ask(page: Path, script: str, width: int = 1280, dark: bool = False) -> Any:
     assert answer["problems"] == []
     assert answer["loaded"] == []
     return answer["result"]
+
+
+def accessible(page: Path) -> None:
+    """No violation is found by axe, on a desk and on a phone, light and dark; figures turn.
+
+    Fails where the page logs an error, is wider than its window, or asks for anything.
+    """
+    problems: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        for width in (1280, 390):
+            tab = browser.new_page(viewport={"width": width, "height": 900})
+            tab.on("pageerror", lambda error: problems.append(str(error)))
+            tab.on("request", lambda request: problems.append(request.url))
+            tab.on("console", lambda message: problems.append(message.text))
+            tab.goto(page.as_uri())
+            assert problems.pop(0) == page.as_uri()
+            for scheme in ("light", "dark"):
+                tab.emulate_media(color_scheme=scheme)
+                found = Axe().run(tab)
+                assert found.violations_count == 0, found.generate_report()
+            assert tab.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+            for canvas in tab.locator("canvas").all()[:1]:
+                canvas.scroll_into_view_if_needed()
+                before = canvas.evaluate("canvas => canvas.toDataURL()")
+                box = canvas.bounding_box()
+                assert box is not None
+                tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+                tab.mouse.down()
+                tab.mouse.move(box["x"] + box["width"] / 2 + 60, box["y"] + box["height"] / 2)
+                tab.mouse.up()
+                assert canvas.evaluate("canvas => canvas.toDataURL()") != before
+        browser.close()
+    assert problems == []

@@ -11,7 +11,7 @@ from actioncli import SupportStore, UsageError, read_clip
 from actioncli.calibration import Queries, Recommendation, Trials
 from actioncli.report.calibration import write_calibration
 
-from .browser import ask, needs_chromium
+from .browser import accessible, ask, needs_chromium
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOTHING = {"count": 0, "of": 0, "motions": 0, "rate": None, "low": 0.0, "high": 1.0}
@@ -67,6 +67,11 @@ def test_page_tables_and_figures(folder: Path) -> None:
 def test_it_fits_a_phone(folder: Path) -> None:
     script = "return document.documentElement.scrollWidth - innerWidth;"
     assert ask(folder / "index.html", script, width=500) <= 0
+
+
+@needs_chromium
+def test_the_page_is_for_everyone(folder: Path) -> None:
+    accessible(folder / "index.html")
 
 
 def test_it_does_not_write_over_something_else(folder: Path, tmp_path: Path) -> None:

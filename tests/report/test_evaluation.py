@@ -16,7 +16,7 @@ from actioncli.evaluation.protocol import evaluate
 from actioncli.report.evaluation import Report, write_report
 from actioncli.report.figures import check_folder, write_csv
 
-from .browser import ask, needs_chromium
+from .browser import accessible, ask, needs_chromium
 from .test_figure import standing
 
 LABELS = ["<i>nod", "b", "c", "d", "e", "f"]
@@ -102,6 +102,11 @@ def test_the_page_works_in_a_browser(folder: Path) -> None:
     assert got["players"] == len(rows(folder, "confusions"))
     assert got["plots"] == 5
     assert got["wide"] <= 0
+
+
+@needs_chromium
+def test_the_page_is_for_everyone(folder: Path) -> None:
+    accessible(folder / "index.html")
 
 
 def test_only_a_report_is_written_over(folder: Path, tmp_path: Path) -> None:
