@@ -22,6 +22,7 @@ from actioncli.store.record import TIME_FORMAT, Record, find_flaw
 # Columns of the table `examples` in the first schema; later ones add the seal.
 _COLUMNS = 13
 _INDEX = "sqlite_autoindex_examples_1"
+_SETTINGS_INDEX = "sqlite_autoindex_settings_1"
 # A number above it was damaged: it would take years of enrolling to get there.
 _LAST_ID = 2**31
 
@@ -45,7 +46,7 @@ class Salvage:
         settings: name to value.
         gone: the examples that are lost, as far as they can be named.
         settings_gone: names of lost settings.
-        complete: whether `gone` names all that is lost.
+        complete: whether `gone` and `settings_gone` name all that is lost.
         ours: whether there was any sign of a support set.
         last: the highest identifier that was ever given, as far as is known.
     """
@@ -97,12 +98,12 @@ class _Search:
         self._kept: set[_Entry] = set()
         self._broken: dict[int, Gone] = {}
         self._index: dict[int, _Entry] = {}
-        self._root = 0
+        self._roots = {_INDEX: 0, _SETTINGS_INDEX: 0}
         names = self._read_indices(pages)
         for row in pages.rows():
             self._look_at(row)
         found = self.found
-        found.complete = pages.tree(self._root) is not None
+        found.complete = all(pages.tree(root) is not None for root in self._roots.values())
         found.settings_gone = sorted(names - found.settings.keys())
         for example, entry in self._index.items():
             if entry not in self._kept:
@@ -128,8 +129,8 @@ class _Search:
 
     def _look_at(self, row: Row) -> None:
         match row.values:
-            case ("index", str(name), "examples", int(number), None) if name == _INDEX:
-                self._root = number
+            case ("index", str(name), str(), int(number), None) if name in self._roots:
+                self._roots[name] = number
             case ("table", "examples", "examples", int(), _):
                 self.found.ours = True
             case ("examples", int(last)) if _id(last):

@@ -121,7 +121,7 @@ def told_beside(example: Example) -> dict[str, str]:
     return {"source": example.source, "note": example.note, "added": example.added}
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 10_000), data=st.data())
 def test_what_is_salvaged_is_what_was_enrolled(seed: int, data: st.DataObject) -> None:
     with temporary_store() as store:
@@ -161,6 +161,18 @@ def test_what_is_salvaged_is_what_was_enrolled(seed: int, data: st.DataObject) -
             assert stat.S_IMODE(store.path.stat().st_mode) == 0o600
         truth.compare(done)
         assert not list(store.path.parent.glob(".repair-*"))
+
+
+def test_a_lost_table_of_settings_is_no_complete_account() -> None:
+    """Cut behind the examples' index: the examples are named, of the settings nothing is known."""
+    with temporary_store() as store:
+        truth = Truth(store, 0)
+        store.path.write_bytes(truth.content[: 3 * PAGE])
+        done = store.repair()
+        assert done is not None
+        assert done.gone
+        assert not done.complete
+        truth.compare(done)
 
 
 @pytest.mark.parametrize("seed", range(4))
