@@ -54,6 +54,10 @@ class Repair:
     complete: bool
 
 
+# Bytes, on the file systems in use.
+_LONGEST_NAME = 255
+
+
 def repair(path: Path, damage: Callable[[Path], list[str]]) -> Repair | None:
     """Put a whole store in the place of a damaged one; None where nothing is damaged.
 
@@ -184,7 +188,10 @@ def _keep(file: BinaryIO, path: Path) -> Path:
     """Copy the damaged store, and its journal, to a name beside it that is free; that name."""
     number = 1
     while True:
-        kept = _beside(path, ".damaged" if number == 1 else f".damaged-{number}")
+        suffix = ".damaged" if number == 1 else f".damaged-{number}"
+        # A name that leaves no room for what is appended to it loses its end.
+        room = _LONGEST_NAME - len(suffix) - len("-journal")
+        kept = path.with_name(os.fsencode(path.name)[:room].decode(errors="ignore") + suffix)
         if not os.path.lexists(kept) and not os.path.lexists(_beside(kept, "-journal")):
             break
         number += 1

@@ -251,7 +251,9 @@ class Round:
             os.waitpid(process, 0)
         self.finish()
         done = self.store.repair()
-        kept = self.store.path.with_name(self.store.path.name + ".damaged")
+        # The longest names lose their end, so that what is appended fits.
+        beside = self.store.path.parent.glob("*.damaged")
+        kept = next(beside, self.home / "none")
         if not kept.exists() or content[place : place + 9] not in kept.read_bytes():
             raise RoundError("the damaged file was not kept")
         if done and [(gone.id, gone.label) for gone in done.gone] != [(4, "lost")]:

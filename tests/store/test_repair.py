@@ -175,6 +175,21 @@ def test_a_lost_table_of_settings_is_no_complete_account() -> None:
         truth.compare(done)
 
 
+@pytest.mark.parametrize("name", ["x" * 244 + ".db", "手" * 81 + ".db"])
+def test_the_longest_names_leave_room_for_the_damaged_file(tmp_path: Path, name: str) -> None:
+    store = SupportStore(tmp_path / name)
+    store.enroll("wave", make_clip(1))
+    for _ in "ab":
+        content = bytearray(store.path.read_bytes())
+        content[-PAGE:] = bytes(PAGE)
+        store.path.write_bytes(content)
+        store.path.with_name(name + "-journal").write_bytes(b"no journal")
+        done = store.repair()
+        assert done is not None
+        assert done.kept.read_bytes() == content
+    assert store.check() == []
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_examples_on_whole_pages_are_salvaged(seed: int) -> None:
     """Every page in turn is filled with zeros: only what lies on it is lost, and named."""
