@@ -220,6 +220,8 @@ class Recognizer:
             parts = [[clip, *windows(clip, lasting)] for clip in clips]
             query = self.embed([part for of_clip in parts for part in of_clip])
         comparison = self.compare(query, support)
+        # Once for all clips.
+        kept = None if negatives is None or not len(negatives) else self._embedded(negatives)
         decisions, end = [], 0
         for of_clip in parts:
             start, end = end, end + max(len(of_clip), 1)
@@ -229,7 +231,7 @@ class Recognizer:
                 confidence=comparison.confidence[start:end],
                 probability=comparison.probability[start:end],
             )
-            decisions.append(self._decide(of_clip, query[start:end], rows, tau, negatives))
+            decisions.append(self._decide(of_clip, query[start:end], rows, tau, kept))
         return decisions
 
     def _decide(
@@ -238,7 +240,7 @@ class Recognizer:
         query: FloatArray,
         comparison: Comparison,
         tau: float,
-        negatives: Sequence[Clip] | FloatArray | None,
+        negatives: FloatArray | None,
     ) -> Decision:
         """What the comparison of one clip, in its first row, and of its windows shows."""
         odds = odds_factor(max(len(parts) - 1, 1))
@@ -288,7 +290,7 @@ class Recognizer:
         self,
         query: FloatArray,
         comparison: Comparison,
-        negatives: Sequence[Clip] | FloatArray | None,
+        negatives: FloatArray | None,
         odds: float,
         tau: float,
     ) -> tuple[int, float | None]:
@@ -296,10 +298,9 @@ class Recognizer:
         nearest = comparison.distance.argmin(axis=1)
         confidence = np.take_along_axis(comparison.confidence, nearest[:, None], axis=1)[:, 0]
         order = np.argsort(-confidence, kind="stable").tolist()
-        if negatives is None or not len(negatives):
+        if negatives is None:
             return order[0], None
-        each = self._embedded(negatives)
-        kept = {str(n): each[n : n + 1] for n in range(len(each))}
+        kept = {str(n): negatives[n : n + 1] for n in range(len(negatives))}
 
         def like_negative(row: int) -> tuple[bool, float, float]:
             """Whether a negative is nearest, its distance and confidence."""

@@ -3,9 +3,10 @@
 A clip is compared as a whole, which is right where it holds one performance. In a clip much longer
 than the enrolled ones the performance is a part, so windows of about their length compete with the
 whole. More windows are more chances of a false match; therefore a window's odds against a match
-are multiplied by the number of windows to the power of `CHANCES`. `tools/measure_windows.py`
-measured all constants on classes that the model had not seen, see the model card: with this power
-as many unknown queries are accepted in long clips as in clips of one performance.
+are multiplied by the number of windows to the power of `CHANCES`. The constants were chosen on
+classes that the model had not seen, see the model card: with this power about as many unknown
+queries are accepted in long clips as in clips of one performance. `tools/measure_windows.py` asks
+the same.
 """
 
 from __future__ import annotations

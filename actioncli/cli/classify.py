@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -213,11 +213,8 @@ def _decided(
     size = 1 if videos else _BATCH
     batches = [paths[at : at + size] for at in range(0, len(paths), size)]
     begun = time.perf_counter()
-    for batch, outcomes in _ahead(
-        lambda batch: (batch, [_or_error(read, path) for path in batch]),
-        progress(batches, "Classifying", shown=shown and not videos),
-        alone=videos or len(batches) == 1,
-    ):
+    for batch in progress(batches, "Classifying", shown=shown and not videos):
+        outcomes = [_or_error(read, path) for path in batch]
         clips = [clip for clip in outcomes if not isinstance(clip, ClipError)]
         decisions: list[Decision | ClipError]
         try:
@@ -235,25 +232,6 @@ def _decided(
             found = decision if isinstance(decision, ClipError) else (clip, decision)
             yield path, found, milliseconds
         begun = time.perf_counter()
-
-
-def _ahead(work: Callable[[T], U], items: Iterable[T], alone: bool) -> Iterator[U]:
-    """Work on items; unless alone, on the next one in another thread while the caller is busy with
-    the last."""
-    if alone:
-        yield from map(work, items)
-        return
-    from concurrent.futures import Future, ThreadPoolExecutor
-
-    with ThreadPoolExecutor(1) as thread:
-        coming: Future[U] | None = None
-        for item in items:
-            following = thread.submit(work, item)
-            if coming is not None:
-                yield coming.result()
-            coming = following
-        if coming is not None:
-            yield coming.result()
 
 
 def _or_error(work: Callable[[T], U], item: T) -> U | ClipError:

@@ -101,6 +101,7 @@ def read_weights(path: str | Path | None = None) -> Weights:
     try:
         with safe_open(file, framework="np") as opened:
             header = opened.metadata() or {}
+            # What safe_open gives is no mapping: only its keys can be walked through.
             stored = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError, TypeError, AttributeError) as error:
         raise WeightsError(

@@ -73,7 +73,7 @@ def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
         with safe_open(path, framework="pt") as opened:
             header = opened.metadata() or {}
             # Copies, because tensors in the file's memory are aligned otherwise, and sums over
-            # them are then added up in another order.
+            # them are then added up in another order. `opened` is no mapping: it has only keys.
             tensors = {name: opened.get_tensor(name).clone() for name in opened.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
         raise WeightsError(f"{path}: damaged checkpoint ({error}); delete it.") from error
