@@ -29,6 +29,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
     {
         "enroll": "actioncli.cli.enroll:enroll",
         "classify": "actioncli.cli.classify:classify",
+        "batch": "actioncli.cli.batch:batch",
         "watch": "actioncli.cli.watch:watch",
         "review": "actioncli.cli.review:review",
         "studio": "actioncli.cli.studio:studio",
