@@ -30,8 +30,8 @@ from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.prepare import BONES, prepare
 from actioncli.model import compare, trx_os
 from actioncli.model.config import ModelConfig
+from actioncli.model.embedding import asked_view, embed, in_view, token_columns
 from actioncli.model.features import mirror
-from actioncli.model.warping import warping_cost
 from actioncli.recognizer import Recognizer
 
 # Orders in which parts are exchanged; each is also taken backwards.
@@ -107,7 +107,7 @@ def explain(
     reference = reference[_pace(frames, reference)]
 
     def distances(made: FloatArray) -> NDArray[np.float64]:
-        embedded = compare.embed(recognizer.weights.tensors, config, made)
+        embedded = embed(recognizer.weights.tensors, config, made, queries=True)
         return recognizer.compare(embedded, {"": support}).distance[:, 0].astype(np.float64)
 
     parts = _parts(config)
@@ -137,15 +137,9 @@ def _nearest(recognizer: Recognizer, asked: FloatArray, support: FloatArray) -> 
     if not config.warp_width:
         each = {str(n): support[n : n + 1] for n in range(len(support))}
         return int(recognizer.compare(asked, each).distance.argmin()), False
-    first, view, v = 4 * config.key_width, config.view_width, config.warp_width
-    plain = support[..., first : first + v]
-    cost = warping_cost(asked[..., first : first + v], plain)[0]
-    if not config.mirrored:
-        return int(cost.argmin()), False
-    other = asked[..., view + first : view + first + v]
-    exchanged = config.mirrored * warping_cost(other, plain)[0]
-    example = int(np.minimum(cost, exchanged).argmin())
-    return example, bool(exchanged[example] < cost[example])
+    warped = compare.warp(config, asked, list(support[:, None]))
+    example = int(warped.cost[0].argmin())
+    return example, bool(warped.mirrored[0, example])
 
 
 def _pace(query: FloatArray, example: FloatArray) -> NDArray[np.intp]:
@@ -236,10 +230,12 @@ def _attention(
     """Attention from the query's pairs to those of each example (P, n, P), and each pair's share
     of T (P,)."""
     params, config = recognizer.weights.tensors, recognizer.weights.config
-    seen = asked[..., config.view_width * mirrored :]
+    view, columns = asked_view(config, asked), token_columns(config)
+    seen = in_view(asked, columns, view)
     query_keys, query_values = (each[0] for each in trx_os.pairs(params, config, seen))
+    beside = support[..., columns[view[0] ^ mirrored]]
     keys, values = (
-        each.reshape(-1, config.key_width) for each in trx_os.pairs(params, config, support)
+        each.reshape(-1, config.key_width) for each in trx_os.pairs(params, config, beside)
     )
     bias = trx_os.place_bias(params, config, keys)
     if config.near_pairs:

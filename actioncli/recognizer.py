@@ -16,6 +16,7 @@ from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import prepare_all
 from actioncli.errors import SupportError, WeightsError
 from actioncli.model import compare
+from actioncli.model.embedding import embed
 from actioncli.model.weights import Weights, read_weights
 from actioncli.windows import odds_factor, windows
 
@@ -118,9 +119,13 @@ class Recognizer:
         Raises:
             ClipError: a clip lacks joints that the model reads.
         """
+        return self._embed(clips)
+
+    def _embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
+        """Without what only examples need, if all clips are queries."""
         config = self.weights.config
         frames = prepare_all(clips, config.preparation)
-        return compare.embed(self.weights.tensors, config, frames)
+        return embed(self.weights.tensors, config, frames, queries)
 
     def compare(
         self,
@@ -139,7 +144,7 @@ class Recognizer:
         """
         if not support:
             raise SupportError("the support set is empty; enrol an action first.")
-        query = self._embedded(queries)
+        query = queries if isinstance(queries, np.ndarray) else self._embed(queries, queries=True)
         examples = [self._embedded(clips) for clips in support.values()]
         for label, embedding in zip(support, examples, strict=True):
             if not len(embedding):
@@ -218,7 +223,7 @@ class Recognizer:
         else:
             lasting = tuple(_durations(support) if durations is None else durations)
             parts = [[clip, *windows(clip, lasting)] for clip in clips]
-            query = self.embed([part for of_clip in parts for part in of_clip])
+            query = self._embed([part for of_clip in parts for part in of_clip], queries=True)
         comparison = self.compare(query, support)
         # Once for all clips.
         kept = None if negatives is None or not len(negatives) else self._embedded(negatives)

@@ -76,6 +76,9 @@ LINES: Mapping[str, Callable[[Recipe], Recipe]] = {
     "attention one way": model(both_ways=False),
     "attention to any place": model(near_pairs=False),
     "squared distance": model(distance="squared"),
+    "without temperature, averaging, made classes and near places": lambda recipe: training(
+        temperature=False, average=0.0, made_classes=False
+    )(model(near_pairs=False)(recipe)),
     "joint positions of recorded proportions, T and discriminator alone": lambda recipe: model(
         body_features=False, warp_width=0, neighbours=0, mirrored=0.0
     )(preparation(size="torso")(recipe)),

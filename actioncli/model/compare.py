@@ -1,7 +1,4 @@
-"""From prepared frames to embeddings, and from embeddings to the score of query and action.
-
-Numpy only: the composition of the parts in `trx_os`, `features` and `warping` at inference.
-"""
+"""From embeddings to the score of query and action, numpy only."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from actioncli.clips.clip import FloatArray
 from actioncli.model import trx_os
 from actioncli.model.arrays import Params
 from actioncli.model.config import ModelConfig
-from actioncli.model.features import mirror, token_features, warp_features
+from actioncli.model.embedding import SAME, asked_view, in_view, token_columns, warp_columns
 from actioncli.model.warping import warping_cost
 
 # Support pairs that are compared in one piece: enough for full matrix speed, few enough that
@@ -30,66 +27,6 @@ _BLOCK_QUERIES = 16
 EXACT = 256
 # Actions that are compared in full, however many examples each of them has.
 _FEWEST = 8
-
-# Distances below this are one and the same clip; keeps logarithms finite.
-_SAME = 1e-3
-
-
-def closing_shapes(config: ModelConfig, cohort: int) -> dict[str, tuple[int, ...]]:
-    """Name and shape of the tensors that are computed when training is over.
-
-    `score.weight` and `score.bias` belong to (-log T, -log of the warping cost, log of the
-    radii, the discriminator's logit), see `scores`.
-    """
-    shapes: dict[str, tuple[int, ...]] = {}
-    if config.warp_width:
-        shapes |= {"warp.components": (42, config.warp_width)}
-        shapes |= {"score.weight": (4,), "score.bias": (1,)}
-    if config.neighbours:
-        shapes |= {"cohort": (cohort, config.tokens, config.embedding_width)}
-    return shapes
-
-
-def embed(params: Params, config: ModelConfig, frames: FloatArray) -> FloatArray:
-    """All that comparison needs of clips.
-
-    Args:
-        frames: (N, frames, J, 3) prepared frames.
-
-    Returns:
-        (N, F, E): the view of the clip (projected tokens, warp features), with `mirrored` the
-        view of its mirror image, and with a cohort the clip's radius in every row.
-    """
-    views = [_view(params, config, frames)]
-    if config.mirrored:
-        views.append(_view(params, config, mirror(config, frames)))
-    if config.neighbours:
-        views.append(_radius(params, config, views))
-    return np.concatenate(views, axis=2)
-
-
-def _view(params: Params, config: ModelConfig, frames: FloatArray) -> FloatArray:
-    features = trx_os.psi(params, config, token_features(config, frames))
-    features = trx_os.with_positions(params, config, features)
-    view: FloatArray = trx_os.project(params, config, features)
-    if config.warp_width:
-        warp = warp_features(config, params["warp.components"], frames)
-        view = np.concatenate([view, warp], axis=2)
-    return view
-
-
-def _radius(params: Params, config: ModelConfig, views: Sequence[FloatArray]) -> FloatArray:
-    """Mean warping cost to the nearest motions of the cohort, (N, F, 1): how much room is around
-    a clip. Ordinary motions have near neighbours, so that near a query says less for them."""
-    at = np.s_[..., 4 * config.key_width : config.view_width]
-    cohort = params["cohort"][at]
-    cost = warping_cost(np.concatenate([view[at] for view in views]), cohort)
-    cost = cost.reshape(len(views), -1, len(cohort))
-    cost[1:] *= config.mirrored
-    cost = cost.min(axis=0)
-    nearest = np.sort(cost, axis=1)[:, : config.neighbours].mean(axis=1)
-    radius = np.maximum(nearest, _SAME).astype(np.float32)
-    return np.broadcast_to(radius[:, None, None], (*views[0].shape[:2], 1))
 
 
 def scores(
@@ -159,7 +96,7 @@ def _largest(cheap: FloatArray, counts: NDArray[np.intp]) -> NDArray[np.bool_]:
 
 def weighted(config: ModelConfig, parts: FloatArray) -> FloatArray:
     """What the score's weights multiply, from what `score_parts` measures: (..., 4) → (..., 4)."""
-    terms = np.log(np.maximum(parts, _SAME))
+    terms = np.log(np.maximum(parts, SAME))
     terms[..., :2] *= -1
     terms[..., 3] = parts[..., 3]
     return terms
@@ -170,9 +107,9 @@ def score_parts(
 ) -> FloatArray:
     """T, warping cost, geometric mean of the radii and logit of Disc, (Q, K, 4).
 
-    A query is seen mirrored for an action that its mirror image warps to at less than 1/`mirrored`
-    of the cost; T and the cost are then multiplied by `mirrored`. Of several examples, T attends
-    to all together; the cost and the support's attention to the query are those of the best one.
+    An action is seen mirrored if its mirror image warps to the query at less than 1/`mirrored` of
+    the cost; T and the cost are then multiplied by `mirrored`. Of several examples, T attends to
+    all together; the cost and the support's attention to the query are those of the best one.
     """
     return _parts(params, config, queries, actions, warp(config, queries, actions), None)
 
@@ -187,43 +124,44 @@ def _parts(
 ) -> FloatArray:
     """`score_parts`, T and Disc only where `chosen` (Q, K) says so."""
     parts = _unattended(warped)
-    width = config.view_width
-    views = 2 if config.mirrored else 1
+    every = np.arange(len(actions))
     for start in range(0, len(queries), _BLOCK_QUERIES):
         rows = slice(start, start + _BLOCK_QUERIES)
-        asked = queries[rows, :, : views * width].reshape(-1, config.tokens, views, width)
-        seen_so = np.moveaxis(asked, 2, 1).reshape(-1, config.tokens, width)
-        query_keys, query_values = trx_os.pairs(params, config, seen_so)
-        here = None if chosen is None else chosen[rows]
-        for block in _blocks(config, actions, here):
-            stacked = np.stack([actions[action] for action in block])
-            k, n = stacked.shape[:2]
-            projected = stacked.reshape(k * n, *stacked.shape[2:])
-            keys, values = (
-                of_pairs.reshape(k, n * config.pairs, -1)
-                for of_pairs in trx_os.pairs(params, config, projected)
-            )
-            wanted = np.ones((len(asked), k), bool) if here is None else here[:, block]
-            qs, ks = np.nonzero(wanted)
-            columns = np.asarray(block)[ks]
-            seen = warped.view[start + qs, columns]
-            size = max(1, _BLOCK_PAIRS // (n * config.pairs))
-            for at in range(0, len(qs), size):
-                one = slice(at, at + size)
-                row = qs[one] * views + seen[one]
-                # A single query meets the block as it is; nothing is copied then.
-                whole = len(ks) == k
-                t, logit = _attended(
-                    params,
-                    config,
-                    query_keys[row],
-                    query_values[row],
-                    keys[one] if whole else keys[ks[one]],
-                    values[one] if whole else values[ks[one]],
+        view = asked_view(config, queries[rows])
+        asked = in_view(queries[rows], token_columns(config), view)
+        query_keys, query_values = trx_os.pairs(params, config, asked)
+        for side, columns in enumerate(token_columns(config)):
+            # (queries here, K): whose action is needed, and needed as seen from this side.
+            wanted = (view[:, None] ^ warped.mirrored[rows]) == side
+            if chosen is not None:
+                wanted &= chosen[rows]
+            for block in _blocks(config, actions, every[wanted.any(axis=0)].tolist()):
+                stacked = np.stack([actions[action][..., columns] for action in block])
+                k, n = stacked.shape[:2]
+                projected = stacked.reshape(k * n, *stacked.shape[2:])
+                keys, values = (
+                    of_pairs.reshape(k, n * config.pairs, -1)
+                    for of_pairs in trx_os.pairs(params, config, projected)
                 )
-                t *= np.where(seen[one], config.mirrored, 1)
-                parts[start + qs[one], columns[one], 0] = t
-                parts[start + qs[one], columns[one], 3] = logit
+                qs, ks = np.nonzero(wanted[:, block])
+                which = np.asarray(block)[ks]
+                size = max(1, _BLOCK_PAIRS // (n * config.pairs))
+                for at in range(0, len(qs), size):
+                    one = slice(at, at + size)
+                    # A single query meets the block as it is; nothing is copied then.
+                    whole = len(ks) == k
+                    t, logit = _attended(
+                        params,
+                        config,
+                        query_keys[qs[one]],
+                        query_values[qs[one]],
+                        keys[one] if whole else keys[ks[one]],
+                        values[one] if whole else values[ks[one]],
+                    )
+                    parts[start + qs[one], which[one], 0] = t
+                    parts[start + qs[one], which[one], 3] = logit
+    if config.mirrored:
+        parts[..., 0] *= np.where(warped.mirrored, np.float32(config.mirrored), 1)
     return parts
 
 
@@ -256,44 +194,44 @@ def _attended(
 
 class Warped(NamedTuple):
     """What the best example of each action gives, (Q, K) each: the warping cost, the geometric
-    mean of the radii, and the view of the query that it suits."""
+    mean of the radii, and whether its mirror image suits the query better."""
 
     cost: FloatArray
     radius: FloatArray
-    view: NDArray[np.intp]
+    mirrored: NDArray[np.bool_]
 
 
 def warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]) -> Warped:
-    """Warp queries (Q, F, E) and their mirror images to all examples of K actions."""
+    """Warp queries (Q, F, E) to all examples of K actions and to their mirror images."""
     shape = len(queries), len(actions)
     if not config.warp_width:
         ones = np.ones(shape, np.float32)
-        return Warped(ones, ones, np.zeros(shape, np.intp))
-    at = np.s_[4 * config.key_width : config.view_width]
-    seen = [queries[..., at]]
-    if config.mirrored:
-        seen.append(queries[..., config.view_width + at.start : config.view_width + at.stop])
+        return Warped(ones, ones, np.zeros(shape, np.bool_))
     # Only these columns of all examples are ever side by side.
-    examples = np.concatenate([action[..., at] for action in actions])
-    cost = warping_cost(np.concatenate(seen), examples).reshape(
-        len(seen), len(queries), len(examples)
-    )
+    seen = [
+        np.concatenate([action[..., columns] for action in actions])
+        for columns in warp_columns(config)
+    ]
+    view = asked_view(config, queries)
+    asked = in_view(queries, warp_columns(config), view)
+    # (views, Q, examples): first those as they are beside the query, then their mirror images.
+    cost = np.stack([warping_cost(asked, examples) for examples in seen])
+    cost = np.where(view[:, None] > 0, cost[::-1], cost)
     cost[1:] *= config.mirrored
-    view = cost.argmin(axis=0)
+    mirrored = cost.argmin(axis=0) > 0
     cost = cost.min(axis=0)
     counts = [len(action) for action in actions]
     starts = np.cumsum([0, *counts[:-1]])
     least = np.minimum.reduceat(cost, starts, axis=1)
     # The first example of each action that has the least cost.
-    places = np.where(
-        cost == np.repeat(least, counts, axis=1), np.arange(len(examples)), len(examples)
-    )
+    examples = np.arange(cost.shape[1])
+    places = np.where(cost == np.repeat(least, counts, axis=1), examples, len(examples))
     best = np.minimum.reduceat(places, starts, axis=1)
     radius = np.ones(shape, np.float32)
     if config.neighbours:
         of_examples = np.concatenate([action[:, 0, -1] for action in actions])
         radius = np.sqrt(queries[:, 0, -1][:, None] * of_examples[best])
-    return Warped(least, radius, np.take_along_axis(view, best, axis=1))
+    return Warped(least, radius, np.take_along_axis(mirrored, best, axis=1))
 
 
 def _unattended(warped: Warped) -> FloatArray:
@@ -303,11 +241,9 @@ def _unattended(warped: Warped) -> FloatArray:
 
 
 def _blocks(
-    config: ModelConfig, actions: Sequence[FloatArray], chosen: NDArray[np.bool_] | None
+    config: ModelConfig, actions: Sequence[FloatArray], wanted: Sequence[int]
 ) -> Iterator[list[int]]:
-    """Indices of actions with equally many examples, a block at a time; with `chosen` (Q, K)
-    those that any query needs."""
-    wanted = range(len(actions)) if chosen is None else np.flatnonzero(chosen.any(axis=0)).tolist()
+    """Of the wanted indices of actions, those with equally many examples, a block at a time."""
     by_count: dict[int, list[int]] = {}
     for action in wanted:
         by_count.setdefault(len(actions[action]), []).append(action)

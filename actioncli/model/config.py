@@ -34,7 +34,7 @@ class ModelConfig:
             the score. 0 leaves it out. Needs bodies of standard size.
         neighbours: the warping cost is seen relative to the mean cost to so many nearest motions
             of the cohort in the weights; 0 leaves the cohort out.
-        mirrored: factor on the distance of a query that fits better when left and right are
+        mirrored: factor on the distance of an action that fits better when left and right are
             exchanged; 0 never exchanges them.
     """
 
@@ -69,9 +69,14 @@ class ModelConfig:
         return 4 * self.key_width + self.warp_width
 
     @property
+    def views(self) -> int:
+        """How a clip is seen: as it is, and with `mirrored` in the mirror."""
+        return 2 if self.mirrored else 1
+
+    @property
     def embedding_width(self) -> int:
         """E, numbers per token of an embedding: one view or two, and the cohort radius."""
-        return (2 if self.mirrored else 1) * self.view_width + bool(self.neighbours)
+        return self.views * self.view_width + bool(self.neighbours)
 
     def to_json(self) -> str:
         """The configuration as it stands in the header of a weights file."""

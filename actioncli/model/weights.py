@@ -14,8 +14,8 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
-from actioncli.model.compare import closing_shapes
 from actioncli.model.config import ModelConfig
+from actioncli.model.embedding import closing_shapes
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.replacing import replacing
 from actioncli.weights_path import weights_file
@@ -34,7 +34,7 @@ class Weights:
     Attributes:
         config: how to prepare clips and which tensors there are.
         tensors: float32 arrays by name, see `trx_os.parameter_shapes` and
-            `compare.closing_shapes`.
+            `embedding.closing_shapes`.
         metadata: recipe, seed, steps, figures, sources, as plain JSON values.
         checksum: SHA-256 over configuration, metadata and tensors, hexadecimal; embeddings of
             one checksum are not comparable with those of another.

@@ -13,6 +13,7 @@ from actioncli.clips.clip import FloatArray
 from actioncli.clips.prepare import BONES, prepare
 from actioncli.model import compare
 from actioncli.model.config import ModelConfig
+from actioncli.model.embedding import embed
 from actioncli.model.features import warp_features
 from actioncli.training.data import Indices, TrainingSet
 
@@ -73,13 +74,13 @@ def _cohort(
     config: ModelConfig, params: Mapping[str, FloatArray], frames: FloatArray
 ) -> FloatArray:
     """Embeddings of the cohort's clips; each one's own radius does not count itself."""
-    alone = compare.embed(params, replace(config, neighbours=0), frames)
+    alone = embed(params, replace(config, neighbours=0), frames)
     blank = np.zeros((*alone.shape[:2], 1), np.float32)
     # In halves, so that a clip finds its neighbours in the half without it.
     half = len(frames) // 2
     first, second = alone[:half], alone[half:]
     radii = [
-        compare.embed({**params, "cohort": np.concatenate([other, blank[: len(other)]], 2)},
+        embed({**params, "cohort": np.concatenate([other, blank[: len(other)]], 2)},
                       config, own)[..., -1:]
         for own, other in ((frames[:half], second), (frames[half:], first))
     ]  # fmt: skip

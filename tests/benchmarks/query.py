@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import actioncli
-from actioncli.model.compare import closing_shapes
+from actioncli.model.embedding import closing_shapes
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights
 from actioncli.training.recipes import RECIPES

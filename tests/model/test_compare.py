@@ -17,7 +17,8 @@ from actioncli.clips.prepare import prepare
 from actioncli.clips.read import read_clip
 from actioncli.model import compare, trx_os
 from actioncli.model.config import ModelConfig
-from actioncli.model.features import mirror
+from actioncli.model.embedding import embed
+from actioncli.model.features import mirror, token_features
 from actioncli.recognizer import Recognizer
 from actioncli.training.recipes import RECIPES
 from tests.clips.test_prepare import waving
@@ -55,7 +56,7 @@ def random_model(config: ModelConfig, seed: int = 0) -> dict[str, FloatArray]:
         params["score.bias"] = np.array([-1], np.float32)
     if config.neighbours:
         alone = replace(config, neighbours=0)
-        cohort = compare.embed(params, alone, frames(config, motions(30, seed=99)))
+        cohort = embed(params, alone, frames(config, motions(30, seed=99)))
         params["cohort"] = np.concatenate([cohort, np.ones((30, 16, 1), np.float32)], axis=2)
     return params
 
@@ -65,18 +66,18 @@ def logits(config: ModelConfig, queries: list[Clip], actions: list[list[Clip]]) 
     return compare.scores(
         params,
         config,
-        compare.embed(params, config, frames(config, queries)),
-        [compare.embed(params, config, frames(config, clips)) for clips in actions],
+        embed(params, config, frames(config, queries)),
+        [embed(params, config, frames(config, clips)) for clips in actions],
     )[1]
 
 
 @pytest.mark.parametrize("config", [PAPER, DEFAULT], ids=["paper", "default"])
 def test_shapes_follow_the_configuration(config: ModelConfig) -> None:
     params = random_model(config)
-    embedding = compare.embed(params, config, frames(config, motions(3)))
+    embedding = embed(params, config, frames(config, motions(3)))
     assert embedding.shape == (3, config.tokens, config.embedding_width)
     assert embedding.dtype == np.float32
-    assert compare.embed(params, config, frames(config, motions(1))[:0]).shape[0] == 0
+    assert embed(params, config, frames(config, motions(1))[:0]).shape[0] == 0
     distance, logit = compare.scores(params, config, embedding, [embedding[:1], embedding[1:]])
     assert distance.shape == logit.shape == (3, 2)
 
@@ -93,7 +94,7 @@ def test_a_score_does_not_depend_on_what_else_is_there(config: ModelConfig) -> N
 
 def test_the_nearest_action_is_the_most_confident_one() -> None:
     clips, params = motions(8), random_model(DEFAULT)
-    embedding = compare.embed(params, DEFAULT, frames(DEFAULT, clips))
+    embedding = embed(params, DEFAULT, frames(DEFAULT, clips))
     distance, logit = compare.scores(
         params, DEFAULT, embedding[:3], [embedding[[k]] for k in range(3, 8)]
     )
@@ -125,8 +126,8 @@ def test_the_mirrored_decision_is_the_mirror_of_the_decision() -> None:
     straight, mirrored = (
         compare.score_parts(params, config, embedded[:2], [embedded[[k]] for k in range(2, 5)])
         for embedded in (
-            compare.embed(params, config, clips),
-            compare.embed(params, config, mirror(config, clips)),
+            embed(params, config, clips),
+            embed(params, config, mirror(config, clips)),
         )
     )
     # The warping cost knows no left and right; the random network does.
@@ -137,10 +138,10 @@ def test_the_mirrored_decision_is_the_mirror_of_the_decision() -> None:
 def test_the_other_hand_is_recognised_at_a_price() -> None:
     params = random_model(DEFAULT)
     clip = frames(DEFAULT, motions(1))
-    action = [compare.embed(params, DEFAULT, clip)]
+    action = [embed(params, DEFAULT, clip)]
     slight = np.random.default_rng(0).normal(0, 0.02, clip.shape).astype(np.float32)
-    same = compare.embed(params, DEFAULT, clip + slight)
-    other = compare.embed(params, DEFAULT, mirror(DEFAULT, clip + slight))
+    same = embed(params, DEFAULT, clip + slight)
+    other = embed(params, DEFAULT, mirror(DEFAULT, clip + slight))
     ours = compare.score_parts(params, DEFAULT, same, action)[0, 0]
     theirs = compare.score_parts(params, DEFAULT, other, action)[0, 0]
     np.testing.assert_allclose(theirs[:2], DEFAULT.mirrored * ours[:2], rtol=1e-3)
@@ -150,7 +151,7 @@ def test_the_other_hand_is_recognised_at_a_price() -> None:
 def test_the_best_of_several_examples_counts() -> None:
     clips = motions(4)
     params = random_model(DEFAULT)
-    embedding = compare.embed(params, DEFAULT, frames(DEFAULT, clips))
+    embedding = embed(params, DEFAULT, frames(DEFAULT, clips))
     one = compare.score_parts(params, DEFAULT, embedding[:1], [embedding[1:2]])[0, 0]
     three = compare.score_parts(params, DEFAULT, embedding[:1], [embedding[1:4]])[0, 0]
     assert three[1] <= one[1]
@@ -170,7 +171,7 @@ def test_numpy_and_torch_agree_on_the_default_network() -> None:
     clips = frames(DEFAULT, motions(4))
 
     def forward(weights, x):  # type: ignore[no-untyped-def]  # either array type
-        features = trx_os.psi(weights, DEFAULT, compare.token_features(DEFAULT, x))
+        features = trx_os.psi(weights, DEFAULT, token_features(DEFAULT, x))
         features = trx_os.with_positions(weights, DEFAULT, features)
         keys, values = trx_os.pairs(weights, DEFAULT, trx_os.project(weights, DEFAULT, features))
         bias = trx_os.place_bias(weights, DEFAULT, keys)
