@@ -40,7 +40,7 @@ def fsos_accuracy(
         tau: accept means score > tau.
     """
     known, unknown = np.asarray(known_score), np.asarray(unknown_score)
-    right = np.count_nonzero((known > tau) & np.asarray(correct, bool))
+    right = np.count_nonzero(np.asarray(correct)[known > tau])
     right += np.count_nonzero(unknown <= tau)
     return float(right / (known.size + unknown.size))
 
@@ -77,8 +77,7 @@ def oscr(known_score: ArrayLike, correct: ArrayLike, unknown_score: ArrayLike) -
     passed together (trapezoid). The area equals the mean over pairs of a known and an unknown
     query of [correct and the known one scores higher], which is how it is computed.
     """
-    right = np.asarray(correct, bool)
-    return float(np.mean(_share_outscored(known_score, unknown_score) * right))
+    return float(np.mean(_share_outscored(known_score, unknown_score) * np.asarray(correct)))
 
 
 def fpr_at_tpr(known_score: ArrayLike, unknown_score: ArrayLike, tpr: float = 0.95) -> float:
@@ -88,9 +87,9 @@ def fpr_at_tpr(known_score: ArrayLike, unknown_score: ArrayLike, tpr: float = 0.
     """
     known = np.sort(_of_some(known_score, "known"))
     unknown = _of_some(unknown_score, "unknown")
-    # `rejected` known queries may fall below the threshold; round before flooring, because
+    # `rejected` known queries may fall below the threshold; a hair more before flooring, because
     # 20 * (1 - 0.95) is a hair below 1 in binary.
-    rejected = int(np.floor(np.round(known.size * (1.0 - tpr), 9)))
+    rejected = int(np.floor(known.size * (1.0 - tpr) + 1e-9))
     return float(np.mean(unknown >= known[min(rejected, known.size - 1)]))
 
 
@@ -124,8 +123,8 @@ def reliability(score: ArrayLike, hit: ArrayLike, bins: int = 10) -> Reliability
     """
     scores = _of_some(score, "scored")
     column = np.minimum((scores * bins).astype(np.intp), bins - 1)
-    summands = (np.ones_like(scores), scores, np.asarray(hit, np.float64))
-    table = np.array([np.bincount(column, values, bins) for values in summands], np.float64)
+    summands = (np.ones_like(scores), scores, np.asarray(hit))
+    table = np.array([np.bincount(column, values, bins) for values in summands])
     return Reliability(*table)
 
 
@@ -139,7 +138,7 @@ def _share_outscored(known_score: ArrayLike, unknown_score: ArrayLike) -> Floats
     """(N,) for each known query the share of unknown ones below it, ties counting one half."""
     known = _of_some(known_score, "known")
     unknown = np.sort(_of_some(unknown_score, "unknown"))
-    below = np.searchsorted(unknown, known, side="left")
+    below = np.searchsorted(unknown, known)
     not_above = np.searchsorted(unknown, known, side="right")
     return (below + not_above) / (2.0 * unknown.size)
 

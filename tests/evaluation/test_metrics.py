@@ -109,6 +109,12 @@ def test_fpr_at_tpr_is_the_best_admissible_threshold(
 def test_fpr_at_95_percent_lets_one_known_query_in_twenty_go() -> None:
     known = np.arange(1, 21) / 20
     assert metrics.fpr_at_tpr(known, [0.05, 0.06, 0.2]) == pytest.approx(1 / 3)
+    assert metrics.fpr_at_tpr(known.repeat(2), [0.05, 0.1, 0.2]) == pytest.approx(2 / 3)
+    assert metrics.fpr_at_tpr(np.arange(40), [1.5, 2, 2.5]) == pytest.approx(2 / 3)
+
+
+def test_fpr_where_no_known_query_must_pass_is_that_of_the_surest() -> None:
+    assert metrics.fpr_at_tpr([0.2, 0.3, 0.4], [0.35, 0.4, 0.5, 0.1], tpr=0) == 0.5
 
 
 @given(answers(), st.sampled_from([0.0, 0.25, 0.4, 0.5, 1.0]))
@@ -158,6 +164,13 @@ def test_confidences_are_sorted_into_equal_bins() -> None:
     assert table.confidence.tolist() == [0, 0.25, 0, 1.8]
     assert table.hits.tolist() == [0, 1, 0, 2]
     assert metrics.reliability([0.05], [True]).count.tolist() == [1] + [0] * 9
+
+
+def test_single_precision_moves_no_score_over_the_edge_of_its_bin() -> None:
+    # 0.7 in float32 is a hair below 0.7, though ten times it rounds to 7.
+    score = np.float32([0.7])
+    assert float(score[0]) < 0.7
+    assert metrics.reliability(score, [True]).count.tolist() == [0] * 6 + [1] + [0] * 3
 
 
 def test_pooling_weighs_tables_alike() -> None:
