@@ -53,8 +53,8 @@ def windows(clip: Clip, durations: Iterable[float]) -> list[Clip]:
     found = []
     for seconds in window_lengths(known):
         room = clip.duration - seconds
-        if room <= 0:
-            continue
+        if room <= 0:  # as have all that follow, for these are longer
+            break
         for start in np.linspace(0, room, int(np.ceil(room / (STRIDE * seconds))) + 1).tolist():
             try:
                 found.append(cut(clip, start, start + seconds))
@@ -64,5 +64,6 @@ def windows(clip: Clip, durations: Iterable[float]) -> list[Clip]:
 
 
 def odds_factor(count: int) -> float:
-    """By what the odds against a match are multiplied if it is the best of `count` windows."""
-    return float(count**CHANCES)
+    """By what the odds against a match are multiplied if it is the best of `count` windows; 1 where
+    there are none."""
+    return float(max(count, 1) ** CHANCES)

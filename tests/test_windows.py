@@ -58,13 +58,37 @@ def test_lengths_reach_faster_and_slower() -> None:
     assert all(1 < b / a < 1.5 for a, b in pairwise(lengths))
     assert window_lengths([0.1])[0] == pytest.approx(0.8)
     assert window_lengths([600])[-1] == pytest.approx(840)
-    assert window_lengths([600], longest=8)[-1] == pytest.approx(8)
+    assert window_lengths([600], longest=8) == pytest.approx((0.7 * 8, 8))
+    # Short examples of equal length need no length between the two ends.
+    assert window_lengths([0.1]) == pytest.approx((0.8, 1.4 * 0.8))
+    assert window_lengths([2, 2]) == pytest.approx((1.4, 1.4 * 2**0.5, 2.8))
 
 
 def test_only_long_clips_have_windows() -> None:
     assert windows(random_clip(2 * LONG), [2.0]) == []
     assert windows(random_clip(2 * LONG + 0.2), [2.0])
     assert windows(random_clip(60), []) == []
+
+
+@pytest.mark.parametrize("seconds", [3.0, 3.5])
+def test_windows_of_every_length_that_is_shorter_than_the_clip(seconds: float) -> None:
+    # The median tells what is long, so examples may last as long as a long clip, and longer.
+    durations = [1.0, 1.0, 1.0, 2.5, 2.5]
+    *shorter, longest = window_lengths(durations)
+    assert seconds <= longest == 3.5
+    found = [window.duration for window in windows(random_clip(seconds, fps=100), durations)]
+    assert {min(shorter, key=lambda each: abs(each - one)) for one in found} == {*shorter}
+    assert max(found) == pytest.approx(shorter[-1], abs=0.01)
+
+
+def test_windows_overlap_by_three_quarters_or_a_little_more() -> None:
+    clip = random_clip(10, fps=100)
+    found = windows(clip, [2.0])
+    for seconds in window_lengths([2.0]):
+        alike = [each for each in found if abs(each.duration - seconds) < 0.02]
+        fewest = int(np.ceil((10 - seconds) / (seconds / 4))) + 1
+        starts = [each.start - clip.start for each in alike]
+        assert starts == pytest.approx(np.linspace(0, 10 - seconds, fewest), abs=0.01)
 
 
 @given(
@@ -97,7 +121,7 @@ def test_windows_without_motion_are_left_out() -> None:
 
 
 def test_more_windows_more_odds() -> None:
-    assert odds_factor(1) == 1
+    assert odds_factor(0) == odds_factor(1) == 1
     assert 1 < odds_factor(10) < odds_factor(100) < 100
 
 
@@ -163,8 +187,12 @@ def test_windows_like_a_negative_are_left_out() -> None:
     clip = joined(KICK, wave, BOW)
     # What else is in the clip does not matter to the part that shows the action.
     assert RECOGNIZER.classify(clip, SUPPORT, negatives=[KICK, BOW]).label == "wave_right"
+    # The window that decides is like the wave; one that is not may decide instead.
+    free = RECOGNIZER.classify(clip, SUPPORT)
     other = RECOGNIZER.classify(clip, SUPPORT, negatives=[wave])
-    assert not other.accepted
+    assert free.accepted
+    assert not other.accepted or other.part != free.part
+    assert other.confidence < free.confidence
     assert other.nearest_negative is not None
 
 
