@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -29,6 +31,7 @@ from actioncli.cli.common import (
 )
 from actioncli.cli.explain import check_explanation, explain_decision
 from actioncli.cli.output import error_entry, number, printable, progress, say, table, write_json
+from actioncli.cli.processes import cores, in_processes
 from actioncli.cli.video import (
     CacheOption,
     EndOption,
@@ -124,6 +127,9 @@ def classify(
       clips[].ranking[]: label, distance, probability, confidence
       clips[].error: type, message, exit_code
     """
+    # Matrices are small here: a second thread costs more than it gains, and many files are shared
+    # by processes. Read when numpy is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from actioncli.recognizer import Recognizer
 
     if tau is not None:
@@ -159,7 +165,8 @@ def classify(
 
     paths = list(each_clip(settings, clips, "", shown=False))
     shown = not (streams or settings.quiet)
-    for path, outcome, milliseconds in _decided(paths, reading.read, decide, shown):
+    drawn = annotate is not None or explain is not None
+    for path, outcome, milliseconds in _decided(paths, reading.read, decide, shown, drawn):
         if isinstance(outcome, ClipError):
             failed += 1
             report_bad_clip(outcome)
@@ -168,7 +175,7 @@ def classify(
         clip, decision = outcome
         if annotate is not None:
             write_annotation(reading, path, annotate, decision)
-        if explain is not None:
+        if explain is not None and clip is not None:
             explain_decision(settings, recognizer, clip, decision, explain)
         rejected += not decision.accepted
         if settings.json:
@@ -198,11 +205,13 @@ def _decided(
     read: Callable[[Path], Clip],
     decide: Callable[[Sequence[Clip]], list[Decision]],
     shown: bool,
-) -> Iterator[tuple[Path, tuple[Clip, Decision] | ClipError, float]]:
-    """Read and decide, many files of joints at a time.
+    with_clip: bool,
+) -> Iterator[tuple[Path, tuple[Clip | None, Decision] | ClipError, float]]:
+    """Read and decide, many files of joints at a time, in as many processes as there are cores.
 
     Args:
         shown: whether to show a progress bar; a video has one of its own.
+        with_clip: whether the clips are wanted too, which are large to hand on.
 
     Returns:
         Path, clip and decision (or what is wrong), and its share of the time, milliseconds.
@@ -212,9 +221,10 @@ def _decided(
     videos = any(map(is_video, paths))
     size = 1 if videos else _BATCH
     batches = [paths[at : at + size] for at in range(0, len(paths), size)]
-    begun = time.perf_counter()
-    for batch in progress(batches, "Classifying", shown=shown and not videos):
-        outcomes = [_or_error(read, path) for path in batch]
+
+    def of_batch(number: int) -> tuple[list[tuple[Clip | None, Decision] | ClipError], float]:
+        begun = time.perf_counter()
+        outcomes = [_or_error(read, path) for path in batches[number]]
         clips = [clip for clip in outcomes if not isinstance(clip, ClipError)]
         decisions: list[Decision | ClipError]
         try:
@@ -222,16 +232,26 @@ def _decided(
         except ClipError:
             # One of them lacks joints; the others are not to suffer for it.
             decisions = [_or_error(lambda clip: decide([clip])[0], clip) for clip in clips]
-        milliseconds = (time.perf_counter() - begun) * 1e3 / len(batch)
         decided = iter(decisions)
-        for path, clip in zip(batch, outcomes, strict=True):
+        found: list[tuple[Clip | None, Decision] | ClipError] = []
+        for clip in outcomes:
             if isinstance(clip, ClipError):
-                yield path, clip, milliseconds
+                found.append(clip)
                 continue
             decision = next(decided)
-            found = decision if isinstance(decision, ClipError) else (clip, decision)
-            yield path, found, milliseconds
-        begun = time.perf_counter()
+            if not isinstance(decision, ClipError):
+                found.append((clip if with_clip else None, decision))
+            else:
+                found.append(decision)
+        return found, (time.perf_counter() - begun) * 1e3 / len(outcomes)
+
+    # A video's network uses all cores by itself.
+    results = in_processes(of_batch, len(batches), 1 if videos else cores())
+    with closing(results):
+        for batch in progress(batches, "Classifying", shown=shown and not videos):
+            outcomes, milliseconds = next(results)
+            for path, outcome in zip(batch, outcomes, strict=True):
+                yield path, outcome, milliseconds
 
 
 def _or_error(work: Callable[[T], U], item: T) -> U | ClipError:

@@ -146,11 +146,12 @@ def _parts(
                 qs, ks = np.nonzero(wanted[:, block])
                 which = np.asarray(block)[ks]
                 size = max(1, _BLOCK_PAIRS // (n * config.pairs))
+                told = []
                 for at in range(0, len(qs), size):
                     one = slice(at, at + size)
                     # A single query meets the block as it is; nothing is copied then.
                     whole = len(ks) == k
-                    t, logit = _attended(
+                    t, features = _attended(
                         params,
                         config,
                         query_keys[qs[one]],
@@ -159,7 +160,10 @@ def _parts(
                         values[one] if whole else values[ks[one]],
                     )
                     parts[start + qs[one], which[one], 0] = t
-                    parts[start + qs[one], which[one], 3] = logit
+                    told.append(features)
+                # The largest layer of Disc is read once for the whole block.
+                logits = trx_os.judge(params, np.concatenate(told))
+                parts[start + qs, which, 3] = logits.mean(axis=1)
     if config.mirrored:
         parts[..., 0] *= np.where(warped.mirrored, np.float32(config.mirrored), 1)
     return parts
@@ -173,14 +177,15 @@ def _attended(
     keys: FloatArray,
     values: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """T and logit (B,) of B queries (B, P, W), each against one action (B, n·P, W)."""
+    """T (B,), and what Disc makes of pairs (B, ways, P, 16), of B queries (B, P, W), each against
+    one action (B, n·P, W)."""
     bias = trx_os.place_bias(params, config, keys)
     if config.near_pairs:
         bias = np.tile(bias, keys.shape[1] // config.pairs)
     weights = trx_os.attention(query_keys, keys, bias)
     difference = query_values - trx_os.prototypes(weights, values)
     t = trx_os.distance(config, difference)
-    logit = trx_os.discriminator(params, difference)
+    ways = [difference]
     if config.both_ways:
         back = values - trx_os.prototypes(np.swapaxes(weights, -1, -2), query_values)
         back = back.reshape(len(back), -1, config.pairs, config.key_width)
@@ -188,8 +193,8 @@ def _attended(
         best = each.argmin(axis=1)
         at = np.arange(len(back))
         t = (t + each[at, best]) / 2
-        logit = (logit + trx_os.discriminator(params, back[at, best])) / 2
-    return t, logit
+        ways.append(back[at, best])
+    return t, trx_os.tuple_features(params, np.stack(ways, axis=1))
 
 
 class Warped(NamedTuple):

@@ -1,0 +1,99 @@
+"""Work on many files shared by processes: one for each core, forked, so that nothing of what is
+loaded is loaded again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Generator, Sequence
+from typing import TYPE_CHECKING, TypeVar
+
+from actioncli.errors import ActionCliError
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+T = TypeVar("T")
+
+
+def cores() -> int:
+    """On which this process may run; 1 where processes cannot be forked safely (macOS, Windows)."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
+
+
+def in_processes(work: Callable[[int], T], tasks: int, processes: int) -> Generator[T, None, None]:
+    """What `work` gives for each number below `tasks`, in their order.
+
+    Each process takes every `processes`-th task and waits when it is far ahead. They end with
+    this process, however it ends, and with the iterator.
+
+    Args:
+        work: gives what can be pickled; it is not to write where others write.
+        processes: 1 works here, as it goes.
+
+    Raises:
+        Exception: what `work` raised, at the first task that did.
+        ActionCliError: a process was killed.
+    """
+    processes = min(processes, tasks)
+    if processes <= 1:
+        yield from map(work, range(tasks))
+        return
+    from multiprocessing import get_context
+
+    context = get_context("fork")
+    ends: list[Connection] = []
+    workers = []
+    try:
+        for first in range(processes):
+            ours, theirs = context.Pipe(duplex=False)
+            mine = range(first, tasks, processes)
+            worker = context.Process(target=_work, args=(work, mine, theirs, [*ends, ours]))
+            worker.daemon = True
+            worker.start()
+            theirs.close()
+            ends.append(ours)
+            workers.append(worker)
+        for task in range(tasks):
+            try:
+                outcome: T | Exception = ends[task % processes].recv()
+            except EOFError:
+                raise ActionCliError(
+                    "a process that did a part of the work was killed, perhaps for want of "
+                    "memory; try again with fewer files at once."
+                ) from None
+            if isinstance(outcome, Exception):
+                raise outcome
+            yield outcome
+    finally:
+        for worker in workers:
+            worker.kill()
+        for worker in workers:
+            worker.join()
+        for end in ends:
+            end.close()
+
+
+def _work(
+    work: Callable[[int], object],
+    tasks: Sequence[int],
+    out: Connection,
+    inherited: list[Connection],
+) -> None:
+    """What a process does."""
+    # Ctrl-C reaches all of a terminal's processes: the first one ends the others.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Who holds these would not notice that the first process is gone.
+    for end in inherited:
+        end.close()
+    try:
+        for task in tasks:
+            try:
+                outcome = work(task)
+            except Exception as error:  # noqa: BLE001  raised again where the results are wanted
+                out.send(error)
+                return
+            out.send(outcome)
+    except BrokenPipeError:
+        return
