@@ -5,10 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 # How long an example takes says how busy the machine is; time is measured by the benchmarks.
 settings.register_profile("untimed", deadline=None)
+# Mutants die or survive alike in every run, and what kills one need not be made simpler.
+settings.register_profile(
+    "mutants", deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate]
+)
 settings.load_profile("untimed")
 
 
