@@ -1,32 +1,29 @@
-"""What a batch has found out: a Parquet file that grows by parts and is whole at any moment.
+"""What a batch has found out: kept file by file while it runs, one Parquet file at its end.
 
-`OUTPUT` holds one row for each file that was looked at. While a run lasts, its rows are added to
-the folder `OUTPUT.parts`, every few seconds another file; at the end of the run they are merged
-into `OUTPUT` and the folder goes away. A run that ended early is merged by the next one. Every
-file is written under another name first and renamed: a kill leaves rows out, never half a row.
-Each file carries what its decisions depend on, so that decisions under different weights, support
-sets or thresholds are never mixed. Needs the extra `ray`.
+While a run lasts, `OUTPUT.partial`, an SQLite database, holds the list of files and, as soon as it
+is known, the row of each. However a run ends, the next one goes on from there; neither the list
+nor the rows have to fit in memory. At the end the rows are written to `OUTPUT` in the order of
+the files' names, and the database goes away; a later run takes over what `OUTPUT` holds. Two runs
+that found the same write the same bytes. Needs the extra `ray`.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from actioncli.claims import claimed
 from actioncli.errors import ClipError, UsageError
 from actioncli.replacing import replacing
 
 Row = dict[str, Any]
-
-# The error of a file whose worker process died each time; the next run tries it again.
-WORKER_DIED = "WorkerDied"
 
 SCHEMA = pa.schema(
     [
@@ -45,152 +42,213 @@ SCHEMA = pa.schema(
         ("notes", pa.list_(pa.string())),
         ("error_type", pa.string()),
         ("error", pa.string()),
-        ("weights", pa.string()),
-        ("ms", pa.float64()),
         ("size", pa.int64()),
         ("mtime_ns", pa.int64()),
     ]
 )
-_KEY = b"actioncli"
+_METADATA = b"actioncli"
+# Rows that are in memory at once when a Parquet file is read or written.
+_CHUNK = 10_000
 
 
-def as_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows as a table; what a row does not name is null."""
-    return pa.Table.from_pylist(list(rows), schema=SCHEMA)
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """A file as it was when it was looked at; None where it could not be asked."""
-
-    size: int | None
-    mtime_ns: int | None
-
-    @classmethod
-    def of(cls, path: str) -> State:
-        """The file as it is now."""
-        try:
-            found = Path(path).stat()
-        except (OSError, ValueError):
-            return cls(None, None)
-        return cls(found.st_size, found.st_mtime_ns)
-
-
-@dataclass(slots=True)
 class Results:
-    """The rows of one output.
+    """The rows of one output."""
 
-    Attributes:
-        output: the Parquet file.
-        basis: what decisions depend on, name to value.
-    """
-
-    output: Path
-    basis: Mapping[str, str]
-    _table: pa.Table = field(default_factory=lambda: as_table([]))
-    _waiting: list[pa.Table] = field(default_factory=list)
+    def __init__(self, output: Path, basis: Mapping[str, str], database: sqlite3.Connection):
+        """Of a database that is there; see `opened`."""
+        self._output, self._basis, self._database = output, dict(basis), database
 
     @classmethod
-    def open(cls, output: Path, basis: Mapping[str, str], restart: bool = False) -> Results:
-        """Begin, or go on with what is there.
+    @contextmanager
+    def opened(cls, output: Path, basis: Mapping[str, str]) -> Iterator[Results]:
+        """Begin, or go on with what is there; no other run may write this output meanwhile.
 
         Args:
-            restart: forget what is there.
+            output: the Parquet file.
+            basis: what decisions depend on, name to value.
 
         Raises:
-            UsageError: it was decided on another basis.
-            ClipError: it is damaged, or not what this module writes.
+            UsageError: another run writes it, or it was made on another basis.
+            ClipError: it is damaged, or not what this class writes, or cannot be written.
         """
-        results = cls(output, basis)
-        if restart:
-            shutil.rmtree(results._folder, ignore_errors=True)
-            output.unlink(missing_ok=True)
-            return results
-        found = [output] if output.exists() else []
-        found += sorted(results._folder.glob("*.parquet")) if results._folder.is_dir() else []
-        results._table = _last_of_each([results._table, *map(results._read, found)])
-        return results
+        partial = _partial(output)
+        with claimed(output, "batch", UsageError):
+            if not partial.exists():
+                _check(output, basis)
+                partial.touch(mode=0o600)
+            try:
+                # A statement is a transaction of its own, unless `_transaction` makes a larger one.
+                with closing(sqlite3.connect(partial, isolation_level=None)) as database:
+                    results = cls(output, basis, database)
+                    results._begin()
+                    yield results
+            except sqlite3.Error as error:
+                raise ClipError(
+                    f"{partial}: cannot be used: {error}; where it is damaged, delete it."
+                ) from error
 
-    @property
-    def _folder(self) -> Path:
-        return self.output.with_name(self.output.name + ".parts")
+    def _begin(self) -> None:
+        run = self._database.execute
+        # Also on drives that share no memory between machines; a kill loses no row.
+        run("PRAGMA locking_mode = EXCLUSIVE")
+        run("PRAGMA journal_mode = WAL")
+        run("PRAGMA synchronous = NORMAL")
+        with _transaction(self._database):
+            run("CREATE TABLE IF NOT EXISTS basis (name TEXT PRIMARY KEY, value TEXT)")
+            run(
+                "CREATE TABLE IF NOT EXISTS files (source TEXT PRIMARY KEY, size INTEGER, "
+                "mtime_ns INTEGER, failed INTEGER, row TEXT) WITHOUT ROWID"
+            )
+            before = dict(run("SELECT name, value FROM basis"))
+            if before:
+                _compare(_partial(self._output), before, self._basis)
+            else:
+                self._database.executemany("INSERT INTO basis VALUES (?, ?)", self._basis.items())
+                self._take_over()
+            run("UPDATE files SET row = NULL WHERE failed")
 
-    def rows(self, sources: Iterable[str]) -> pa.Table:
-        """What is known about files, those waiting to be written too."""
-        self._table, self._waiting = _last_of_each([self._table, *self._waiting]), []
-        wanted = pa.array(list(sources), pa.string())
-        return self._table.filter(pa.compute.is_in(self._table["source"], wanted))
-
-    def missing(self, states: Mapping[str, State]) -> list[str]:
-        """The files that no row tells about as they are now."""
-        known = {
-            row["source"]: State(row["size"], row["mtime_ns"])
-            for row in self._table.select(["source", "size", "mtime_ns", "error_type"]).to_pylist()
-            if row["error_type"] != WORKER_DIED
-        }
-        return [source for source, state in states.items() if known.get(source) != state]
-
-    def add(self, rows: pa.Table) -> None:
-        """Take rows; they are safe after the next `save`."""
-        self._waiting.append(rows)
-
-    def save(self) -> None:
-        """Write what was added since the last time as another part.
-
-        Raises:
-            ClipError: it cannot be written.
-        """
-        if not self._waiting:
+    def _take_over(self) -> None:
+        """The rows of an earlier run that came to its end."""
+        if not self._output.exists():
             return
-        part = pa.concat_tables(self._waiting)
-        try:
-            self._folder.mkdir(mode=0o700, exist_ok=True)
-            number = sum(1 for _ in self._folder.glob("*.parquet"))
-            self._write(self._folder / f"{number:06d}.parquet", part)
-        except OSError as error:
-            raise ClipError(f"{self._folder}: cannot be written: {error.strerror}.") from error
-        self._table, self._waiting = pa.concat_tables([self._table, part]), []
+        with _reading(self._output), pq.ParquetFile(self._output) as file:
+            for batch in file.iter_batches(_CHUNK):
+                rows = pa.Table.from_batches([batch]).cast(SCHEMA).to_pylist()
+                self._database.executemany(
+                    "INSERT INTO files VALUES (?, ?, ?, ?, ?)", map(_values, rows)
+                )
+
+    def list(self, paths: Iterable[Path]) -> None:
+        """Say which files there are: rows of others, and of files that have changed, go.
+
+        Args:
+            paths: absolute, in any order.
+        """
+        with _transaction(self._database):
+            self._database.execute("CREATE TEMP TABLE listed (source TEXT PRIMARY KEY)")
+            for path in paths:
+                # A name that is no UTF-8 cannot stand in a table: no such file is found.
+                source = str(path).encode(errors="backslashreplace").decode()
+                size, mtime_ns = _state(path)
+                self._database.execute("INSERT OR IGNORE INTO listed VALUES (?)", (source,))
+                self._database.execute(
+                    "INSERT INTO files VALUES (?, ?, ?, 0, NULL) ON CONFLICT (source) DO UPDATE "
+                    "SET row = CASE WHEN size IS excluded.size AND mtime_ns IS excluded.mtime_ns "
+                    "THEN row END, size = excluded.size, mtime_ns = excluded.mtime_ns",
+                    (source, size, mtime_ns),
+                )
+            self._database.execute("DELETE FROM files WHERE source NOT IN listed")
+            self._database.execute("DROP TABLE listed")
+
+    def missing(self, most: int, after: str = "") -> list[str]:
+        """The first files, by name, whose row is not known yet.
+
+        Args:
+            most: so many of them.
+            after: a name; only those behind it.
+        """
+        found = self._database.execute(
+            "SELECT source FROM files WHERE row IS NULL AND source > ? ORDER BY source LIMIT ?",
+            (after, most),
+        )
+        return [source for (source,) in found]
+
+    def add(self, row: Row) -> None:
+        """Keep a row: from now on nothing but a power loss takes it away."""
+        _, _, _, failed, told = _values(row)
+        self._database.execute(
+            "UPDATE files SET failed = ?, row = ? WHERE source = ?", (failed, told, row["source"])
+        )
+
+    def count(self) -> dict[str, int]:
+        """How many `files` there are, and of them `done`, `accepted`, `rejected`, `failed`."""
+        found = self._database.execute(
+            "SELECT count(*), count(row), ifnull(sum(json_extract(row, '$.accepted')), 0), "
+            "ifnull(sum(NOT json_extract(row, '$.accepted')), 0), "
+            "ifnull(sum(failed AND row NOTNULL), 0) FROM files"
+        )
+        names = ("files", "done", "accepted", "rejected", "failed")
+        return dict(zip(names, next(found), strict=True))
 
     def finish(self) -> None:
-        """Merge all parts into the output.
+        """Write `OUTPUT`; nothing more can be added.
 
         Raises:
             ClipError: it cannot be written.
         """
-        table = _last_of_each([self._table, *self._waiting])
         try:
-            self._write(self.output, table)
+            self._write()
         except OSError as error:
-            raise ClipError(f"{self.output}: cannot be written: {error.strerror}.") from error
-        shutil.rmtree(self._folder, ignore_errors=True)
-        self._table, self._waiting = table, []
+            raise ClipError(f"{self._output}: cannot be written: {error.strerror}.") from error
+        self._database.close()
+        _partial(self._output).unlink()
 
-    def _write(self, path: Path, table: pa.Table) -> None:
-        header = json.dumps({"format": 1, **self.basis})
-        with replacing(path, private=True) as part:
-            pq.write_table(table.replace_schema_metadata({_KEY: header}), part)
-
-    def _read(self, path: Path) -> pa.Table:
-        try:
-            table = pq.read_table(path, partitioning=None)
-            header = json.loads((table.schema.metadata or {})[_KEY])
-            rows = table.replace_schema_metadata(None).cast(SCHEMA)
-        except (OSError, pa.ArrowException, KeyError, ValueError) as error:
-            raise ClipError(
-                f"{path}: is no output of `actioncli batch` ({type(error).__name__}); name another "
-                "OUTPUT, or begin anew with --restart."
-            ) from error
-        changed = [name for name, value in self.basis.items() if header.get(name) != value]
-        if changed:
-            raise UsageError(
-                f"{path}: was made with other {' and '.join(changed)}; decisions are not mixed: "
-                "name another OUTPUT, or begin anew with --restart."
-            )
-        return rows
+    def _write(self) -> None:
+        header = json.dumps({"format": 1, **self._basis})
+        rows = self._database.execute(
+            "SELECT row, source, size, mtime_ns FROM files WHERE row NOTNULL ORDER BY source"
+        )
+        with (
+            replacing(self._output) as part,
+            pq.ParquetWriter(part, SCHEMA.with_metadata({_METADATA: header})) as file,
+        ):
+            while chunk := rows.fetchmany(_CHUNK):
+                names = ("source", "size", "mtime_ns")
+                told = [json.loads(row) | dict(zip(names, of, strict=True)) for row, *of in chunk]
+                file.write_table(pa.Table.from_pylist(told, file.schema))
 
 
-def _last_of_each(tables: Sequence[pa.Table]) -> pa.Table:
-    """One row for each source, by name: what was found out last."""
-    table = pa.concat_tables(tables)
-    last = {source: row for row, source in enumerate(table["source"].to_pylist())}
-    return table.take(pa.array([last[source] for source in sorted(last)], pa.int64()))
+def _partial(output: Path) -> Path:
+    return output.with_name(output.name + ".partial")
+
+
+@contextmanager
+def _transaction(database: sqlite3.Connection) -> Iterator[None]:
+    """All or nothing."""
+    database.execute("BEGIN")
+    with database:
+        yield
+
+
+def _state(path: Path) -> tuple[int | None, int | None]:
+    """Size and time of change by which a changed file is noticed; None where there is none."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None, None
+    return found.st_size, found.st_mtime_ns
+
+
+def _values(row: Row) -> tuple[object, ...]:
+    """A row as the columns of the table `files`."""
+    told = {name: value for name, value in row.items() if value is not None}
+    state = [told.pop(name, None) for name in ("source", "size", "mtime_ns")]
+    return (*state, "error" in told, json.dumps(told))
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+        raise ClipError(
+            f"{path}: is no output of `actioncli batch` ({type(error).__name__}); it is not "
+            "written over: name another OUTPUT, or delete it."
+        ) from error
+
+
+def _check(output: Path, basis: Mapping[str, str]) -> None:
+    """Refuse an output that was made otherwise before anything is written."""
+    if output.exists():
+        with _reading(output):
+            header = json.loads(pq.read_schema(output).metadata[_METADATA])
+        _compare(output, header, basis)
+
+
+def _compare(path: Path, before: Mapping[str, str], basis: Mapping[str, str]) -> None:
+    changed = [name for name, value in basis.items() if before.get(name) != value]
+    if changed:
+        raise UsageError(
+            f"{path}: was made with another {' and '.join(changed)}; decisions are not mixed: "
+            "name another OUTPUT, or delete it."
+        )

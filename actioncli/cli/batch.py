@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import sys
 import time
-from collections.abc import Callable, Iterator
 from hashlib import sha256
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from actioncli._version import __version__
 from actioncli.cli.common import (
     FpsOption,
     LayoutOption,
@@ -26,19 +25,19 @@ from actioncli.cli.common import (
     stored_negatives,
     used_threshold,
 )
-from actioncli.cli.output import note, number, plural, printable, say, write_json
-from actioncli.cli.video import CacheOption, PersonOption, QualityOption, checked_quality
+from actioncli.cli.output import note, number, plural, printable, progress, say, write_json
+from actioncli.cli.video import (
+    CacheOption,
+    PersonOption,
+    QualityOption,
+    check_place,
+    checked_quality,
+)
 from actioncli.errors import ClipError, SupportError, UsageError
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from actioncli.batch import Task
-
-# Rows are on the disk at the latest so many seconds after they have come back.
-_SAVE_SECONDS = 5.0
-# Seconds between lines where standard error is a file.
-_LOG_SECONDS = 30.0
+    from actioncli.batch_results import Results
 
 
 @command
@@ -48,8 +47,7 @@ def batch(
         Path,
         typer.Argument(
             metavar="INPUT",
-            help="A folder, a pattern such as 'archive/*.mp4', a clip or video, or a list: a .txt "
-            "file with a path on each line, relative to the list's folder.",
+            help="A folder, a pattern such as 'archive/*.mp4', a clip or a video.",
         ),
     ],
     output: Annotated[
@@ -69,19 +67,10 @@ def batch(
         typer.Option(
             metavar="ADDRESS",
             help="A Ray cluster that this machine belongs to, HOST:PORT or auto.  [default: "
-            "processes of this machine]",
+            "processes of this machine, one for each core]",
             show_default=False,
         ),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Processes on this machine.  [default: one for each core]"
-        ),
-    ] = None,
-    restart: Annotated[
-        bool, typer.Option("--restart", help="Forget what OUTPUT holds and begin anew.")
-    ] = False,
     weights: WeightsOption = None,
     layout: LayoutOption = None,
     unit: UnitOption = None,
@@ -93,112 +82,106 @@ def batch(
 ) -> None:
     """Classify archives of clips and videos, on all cores or on a cluster.
 
-    Needs the extra: pip install 'actioncli[ray]'. Decisions are those of `classify`. Given the
-    same OUTPUT again, only files are looked at that are new or have changed in size or time of
-    change; rows of other files stay. A file that cannot be used gets a row that says why, and
-    the others are still classified. Whatever ends a run, what it had found out is kept, in
-    OUTPUT.parts until the next run ends.
+    Needs the extra: pip install 'actioncli[ray]'. Decisions are those of `classify`. A file that
+    cannot be used gets a row that says why, and the others are still classified.
+
+    Whatever ends a run, what it had found out is kept in OUTPUT.parquet.partial, and the same
+    command goes on from there. Run again after that, it looks at files that are new, that have
+    changed in size or time of change, or that could not be used; rows of files that are gone go.
+    Decisions of another support set, tau, weights or options are not mixed, but refused.
 
     The machines of a cluster need this version of actioncli with the extra, and the recordings
-    under the same paths.
+    under the same paths. Who may use a cluster of Ray runs programs on it, and sees its data.
 
     \b
     Examples:
       actioncli batch recordings/ decisions.parquet
       actioncli batch 'archive/2025-*/*.mp4' decisions.parquet --tau 0.7
-      actioncli batch list.txt decisions.parquet --ray 10.0.0.5:6379
+      actioncli batch recordings/ decisions.parquet --ray 10.0.0.5:6379
 
     \b
-    Columns:
-      source, label (null: rejected), accepted, confidence, tau, nearest, distance
-      nearest_negative, part_start, part_end, frames, seconds, notes, error_type, error
-      weights, ms, size, mtime_ns
+    Parquet columns:
+      source                absolute path; rows are sorted by it
+      label, accepted       the recognised action, null where the clip is rejected
+      confidence, tau       that it shows the nearest action, and what this must exceed
+      nearest, distance     the nearest enrolled action
+      nearest_negative      distance to the nearest negative, null without
+      part_start, part_end  the part that is meant, seconds
+      frames, seconds       of the clip that was read
+      notes                 what reading it decided on the way
+      error_type, error     why the file cannot be used, else null
+      size, mtime_ns        of the file when it was listed
 
     \b
     JSON keys:
-      output, weights, tau, actions, clips, done_before, accepted, rejected, failed
-      seconds, clips_per_second
+      output, tau, actions, files, done_before, accepted, rejected, failed, seconds
 
     The exit code is 3 where files could not be used; rejected ones do not change it.
     """
-    _check_extra()
+    if not (find_spec("ray") and find_spec("pyarrow")):
+        raise UsageError("batch needs Ray Data: pip install 'actioncli[ray]'.")
     if tau is not None:
         checked_tau(tau)
+    check_place(output)
     network = None if quality is None else checked_quality(quality)
-    if ray is not None and workers is not None:
-        raise UsageError("--workers is for this machine; the cluster of --ray has its own.")
-    given = {"layout": layout, "unit": unit, "up": up, "fps": fps}
-    given |= {"quality": network, "person": person}
-    task = _task(settings, weights, tau, {k: v for k, v in given.items() if v is not None})
-    basis = _basis(task)
+    options = {"layout": layout, "unit": unit, "up": up, "fps": fps}
+    options |= {"quality": network, "person": person}
+    task = _task(settings, weights, tau, {k: v for k, v in options.items() if v is not None})
+    basis = {"INPUT": str(recordings.absolute()), **_basis(task)}
     task.options["cache"] = cache
-    sources = _sources(recordings)
 
-    from actioncli.batch import decide, joined_ray
-    from actioncli.batch_results import Results, State
-    from actioncli.claims import claimed
+    from actioncli.batch_results import Results
 
     begun = time.monotonic()
-    with claimed(output, "batch", UsageError):
-        results = Results.open(output, basis, restart)
-        missing = results.missing({source: State.of(source) for source in sources})
-        settings.tell(
-            f"{plural(len(sources), 'file')}, {len(sources) - len(missing)} of them done before"
-        )
-        saved = time.monotonic()
-
-        def take(rows: pa.Table) -> None:
-            nonlocal saved
-            results.add(rows)
-            for error in filter(None, rows["error"].to_pylist()):
-                note(f"error: {printable(error)}")
-            if time.monotonic() - saved > _SAVE_SECONDS:
-                results.save()
-                saved = time.monotonic()
-            advance(len(rows))
-
+    with Results.opened(output, basis) as results:
+        _list(recordings, results)
+        before = results.count()
+        settings.tell(f"{plural(before['files'], 'file')}, {before['done']} of them done before")
         try:
-            if missing:
-                with joined_ray(ray, workers), _progress(settings, len(missing)) as advance:
-                    decide(task, missing, take)
-        finally:
-            results.save()
+            if before["done"] < before["files"]:
+                _decide(settings, task, ray, results)
+        except KeyboardInterrupt:
+            kept = results.count()
+            settings.tell(
+                f"{kept['done']} of {plural(kept['files'], 'file')} are kept; the same command "
+                "goes on."
+            )
+            raise
+        found = results.count()
         results.finish()
     seconds = time.monotonic() - begun
-    rows = results.rows(sources)
-    failed = len(rows) - rows["error"].null_count
-    accepted = sum(filter(None, rows["accepted"].to_pylist()))
-    rejected = len(rows) - failed - accepted
-    rate = len(missing) / seconds
+    told = {name: found[name] for name in ("accepted", "rejected", "failed")}
     if settings.json:
         write_json(
             {
                 "output": str(output),
-                "weights": task.weights.checksum,
                 "tau": number(task.threshold.tau),
                 "actions": len(task.support),
-                "clips": len(sources),
-                "done_before": len(sources) - len(missing),
-                "accepted": accepted,
-                "rejected": rejected,
-                "failed": failed,
+                "files": found["files"],
+                "done_before": before["done"],
+                **told,
                 "seconds": number(seconds),
-                "clips_per_second": number(rate),
             }
         )
     else:
-        say(
-            f"{printable(output)}: {plural(len(sources), 'file')}, {accepted} accepted, "
-            f"{rejected} rejected, {failed} failed; {len(missing)} of them now, "
-            f"{rate:.1f} a second"
-        )
-    if failed:
+        outcome = ", ".join(f"{count} {name}" for name, count in told.items())
+        say(f"{printable(output)}: {plural(found['files'], 'file')}, {outcome} ({seconds:.0f} s)")
+    if found["failed"]:
         raise typer.Exit(ClipError.exit_code)
 
 
-def _check_extra() -> None:
-    if not (find_spec("ray") and find_spec("pyarrow")):
-        raise UsageError("batch needs Ray Data: pip install 'actioncli[ray]'.")
+def _decide(settings: Settings, task: Task, address: str | None, results: Results) -> None:
+    from actioncli.batch import decide
+    from actioncli.ray_session import joined_ray
+
+    count = results.count()
+    left = count["files"] - count["done"]
+    with joined_ray(address):
+        rows = decide(task, results)
+        for row in progress(rows, "Classifying", total=left, shown=not settings.quiet):
+            results.add(row)
+            if row.get("error") is not None:
+                note(f"error: {printable(row['error'])}")
 
 
 def _task(
@@ -230,6 +213,7 @@ def _basis(task: Task) -> dict[str, str]:
     digest.update(json.dumps(list(task.durations)).encode())
     tau = {"": task.threshold.tau, **task.threshold.actions}
     return {
+        "version of actioncli": __version__,
         "weights": task.weights.checksum,
         "support set": digest.hexdigest(),
         "tau": json.dumps(tau, sort_keys=True),
@@ -237,66 +221,19 @@ def _basis(task: Task) -> dict[str, str]:
     }
 
 
-def _sources(recordings: Path) -> list[str]:
-    """The files that INPUT names, as absolute paths."""
-    from actioncli.clips.read import CLIP_SUFFIXES, find_clips
+def _list(recordings: Path, results: Results) -> None:
+    """Look for the files that INPUT names.
+
+    Raises:
+        ClipError: there are none.
+    """
+    from actioncli.clips.read import CLIP_SUFFIXES, walk_clips
     from actioncli.pose import VIDEO_SUFFIXES
 
-    if recordings.suffix.lower() == ".txt" and recordings.is_file():
-        try:
-            lines = recordings.read_text(encoding="utf-8").splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            raise ClipError(f"{recordings}: cannot be read as a list of files: {error}.") from error
-        named = [recordings.parent / line for line in lines if line.strip()]
-    else:
-        named = [recordings]
-    found = find_clips(named, (*CLIP_SUFFIXES, *VIDEO_SUFFIXES))
-    if not found or (found == [recordings] and not recordings.is_file()):
-        what = "there are no clips or videos in it" if recordings.is_dir() else "no such file"
+    path = recordings.absolute()
+    found = walk_clips(path, (*CLIP_SUFFIXES, *VIDEO_SUFFIXES))
+    first = next(found, None)
+    if first is None or (first == path and not path.is_file()):
+        what = "there are no clips or videos in it" if path.is_dir() else "no such file"
         raise ClipError(f"{recordings}: {what}.")
-    return list(dict.fromkeys(str(path.absolute()) for path in found))
-
-
-@contextlib.contextmanager
-def _progress(settings: Settings, total: int) -> Iterator[Callable[[int], None]]:
-    """Tell how many files are done: a bar on a terminal, a line every half minute in a log."""
-    done, begun = 0, time.monotonic()
-    told = begun
-    if settings.quiet:
-        yield lambda _: None
-        return
-    if sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
-
-        with Bar(
-            TextColumn("Classifying"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]:.1f} a second"),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-            transient=True,
-            redirect_stdout=False,
-        ) as bar:
-            task = bar.add_task("", total=total, rate=0.0)
-
-            def move(count: int) -> None:
-                nonlocal done
-                done += count
-                bar.update(task, completed=done, rate=done / (time.monotonic() - begun))
-
-            yield move
-        return
-
-    def log(count: int) -> None:
-        nonlocal done, told
-        done += count
-        now = time.monotonic()
-        if now - told > _LOG_SECONDS:
-            told, rate = now, done / (now - begun)
-            left = (total - done) / rate / 60
-            note(f"{done}/{total} files  {rate:.1f} a second  {left:.0f} min left")
-
-    yield log
+    results.list(chain([first], found))

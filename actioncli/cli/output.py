@@ -10,7 +10,7 @@ import math
 import sys
 import time
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Sized
 from typing import TypeVar
 
 import typer
@@ -127,7 +127,9 @@ def _width(text: str) -> int:
     )
 
 
-def progress(items: Sequence[T], what: str, *, shown: bool = True) -> Iterator[T]:
+def progress(
+    items: Iterable[T], what: str, *, total: int | None = None, shown: bool = True
+) -> Iterator[T]:
     """Iterate with a progress bar on standard error, if someone is there to see it.
 
     It appears when standard error is a terminal and the work has lasted for two seconds, and it
@@ -136,6 +138,7 @@ def progress(items: Sequence[T], what: str, *, shown: bool = True) -> Iterator[T
     Args:
         items: what to iterate over.
         what: a word for what is done, shown beside the bar.
+        total: how many there are, where `items` has no length.
         shown: False where the results themselves tell how far the work is.
     """
     if not (shown and sys.stderr.isatty()):
@@ -151,7 +154,8 @@ def progress(items: Sequence[T], what: str, *, shown: bool = True) -> Iterator[T
 
                 # Standard output is left alone: it may be a file.
                 bar = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)
-                task = bar.add_task(what, total=len(items))
+                size = len(items) if isinstance(items, Sized) else total
+                task = bar.add_task(what, total=size)
                 bar.start()
             if bar is not None:
                 bar.update(task, completed=done)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,19 +89,23 @@ def find_clips(
     """
     found: dict[Path, None] = {}
     for path in paths:
-        here = Path(path)
-        try:
-            is_folder, exists = here.is_dir(), here.exists()
-        except OSError:  # too long for a file's name: reading it tells that
-            is_folder, exists = False, True
-        if is_folder:
-            clips = sorted(_clips_below(here, suffixes))
-        elif not exists and any(mark in str(here) for mark in "*?["):
-            clips = sorted(_matching(here, suffixes))
-        else:
-            clips = [here]
-        found.update(dict.fromkeys(clips or [here]))
+        found.update(dict.fromkeys(sorted(walk_clips(path, suffixes)) or [Path(path)]))
     return list(found)
+
+
+def walk_clips(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Iterator[Path]:
+    """A file, the clips below a folder, or what matches a pattern, in any order, one by one."""
+    here = Path(path)
+    try:
+        is_folder, exists = here.is_dir(), here.exists()
+    except OSError:  # too long for a file's name: reading it tells that
+        is_folder, exists = False, True
+    if is_folder:
+        yield from _clips_below(here, suffixes)
+    elif not exists and any(mark in str(here) for mark in "*?["):
+        yield from _matching(here, suffixes)
+    else:
+        yield here
 
 
 def _matching(pattern: Path, suffixes: Sequence[str]) -> Iterable[Path]:
