@@ -7,6 +7,7 @@ worker that dies is replaced and its block done again. Needs the extra `ray`.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -142,25 +143,29 @@ def _windows(results: Results) -> Iterator[list[str]]:
 def _rows(task: Task, sources: Sequence[str], most: int) -> Iterator[Row]:
     import ray
     from ray.data import ActorPoolStrategy
+    from ray.util.annotations import RayDeprecationWarning
 
     cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
     # A few files are spread over all workers.
     size = max(1, min(most, len(sources) // (2 * cores)))
     blocks = [pa.table({"source": sources[at : at + size]}) for at in range(0, len(sources), size)]
-    most_workers = min(cores, len(blocks))
-    pipeline = ray.data.from_arrow(blocks).map_batches(
-        Stage,
-        fn_constructor_args=(task,),
-        batch_size=None,
-        batch_format="pyarrow",
-        # Where other work holds cores of the cluster, it begins with those that are free.
-        compute=ActorPoolStrategy(min_size=1, max_size=most_workers, initial_size=most_workers),
-        num_cpus=1,
-        max_task_retries=_RETRIES,
-    )
+    workers = min(cores, len(blocks))
+    with warnings.catch_warnings():
+        # `max_task_retries` is to go in Ray 2.64, which pyproject.toml excludes. Without it a file
+        # that kills its worker is tried for ever.
+        warnings.simplefilter("ignore", RayDeprecationWarning)
+        pipeline = ray.data.from_arrow(blocks).map_batches(
+            Stage,
+            fn_constructor_args=(task,),
+            batch_size=None,
+            batch_format="pyarrow",
+            # Where other work holds cores of the cluster, it begins with those that are free.
+            compute=ActorPoolStrategy(min_size=1, max_size=workers, initial_size=workers),
+            num_cpus=1,
+            max_task_retries=_RETRIES,
+        )
     try:
-        for rows in pipeline.iter_batches(batch_size=None, batch_format="pyarrow"):
-            yield from rows.to_pylist()
+        yield from pipeline.iter_rows()
     except ray.exceptions.RayError as error:
         raise UsageError(
             f"Ray cannot run the workers: {str(error).strip().splitlines()[-1]} (every machine of "

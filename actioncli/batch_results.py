@@ -118,7 +118,7 @@ class Results:
                     "INSERT INTO files VALUES (?, ?, ?, ?, ?)", map(_values, rows)
                 )
 
-    def list(self, paths: Iterable[Path]) -> None:
+    def set_files(self, paths: Iterable[Path]) -> None:
         """Say which files there are: rows of others, and of files that have changed, go.
 
         Args:

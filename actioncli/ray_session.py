@@ -21,10 +21,11 @@ from actioncli.errors import UsageError
 # Bytes for what workers hand over; rows are small, and Ray wants no less.
 _OBJECT_STORE = 80 * 2**20
 
-# Ray as this machine's own: nothing is reported, and nothing listens on another interface.
+# Nothing is reported to anyone, and messages for developers of Ray stay out of the terminal.
+_QUIET = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_BACKEND_LOG_LEVEL": "fatal"}
+# Ray of this machine alone: nothing listens on another interface, or to who has no token.
 _PRIVATE = {
-    "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # what makes it prefer 127.0.0.1, on every system
+    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # where this is off, 127.0.0.1 is its address
     "RAY_AUTH_MODE": "token",
 }
 # A process that removes a folder when this one ends, however it ends: Ray's last processes still
@@ -54,8 +55,8 @@ def joined_ray(address: str | None = None) -> Iterator[None]:
     Raises:
         UsageError: there is no such cluster, or Ray does not start.
     """
+    os.environ |= _QUIET
     if address is not None:
-        os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
         with _connected({"address": address}):
             yield
         return

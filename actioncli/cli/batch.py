@@ -236,4 +236,4 @@ def _list(recordings: Path, results: Results) -> None:
     if first is None or (first == path and not path.is_file()):
         what = "there are no clips or videos in it" if path.is_dir() else "no such file"
         raise ClipError(f"{recordings}: {what}.")
-    results.list(chain([first], found))
+    results.set_files(chain([first], found))
