@@ -50,6 +50,13 @@ class Spotter:
         ranking: what the last look said, surest first.
     """
 
+    ranking: tuple[Sighting, ...] = ()
+    _event: Event | None = None
+    # Looks above tau in a row, all at one action.
+    _rising: tuple[Sighting, ...] = ()
+    _quiet = 0
+    _last_end = -np.inf
+
     def __init__(
         self,
         recognizer: Recognizer,
@@ -72,11 +79,6 @@ class Spotter:
         # Each negative competes like an action, under a name that no label can have.
         self._support = {**support, **{f"\n{n}": one[None] for n, one in enumerate(nothing)}}
         self.windows = window_lengths(durations, _LONGEST)
-        self.ranking: tuple[Sighting, ...] = ()
-        self._event: Event | None = None
-        self._rising: list[Sighting] = []
-        self._quiet = 0
-        self._last_end = -np.inf
 
     @property
     def current(self) -> Event | None:
@@ -94,27 +96,26 @@ class Spotter:
         """
         self.ranking = self._sightings(clip, now) if clip is not None else ()
         best = self.ranking[0] if self.ranking else None
-        done: list[Event] = []
         if best is not None and best.confidence > self._threshold.of(best.label):
             same = self._rising and self._rising[-1].label == best.label
-            self._rising = [*self._rising, best] if same else [best]
+            self._rising = (*self._rising, best) if same else (best,)
         else:
-            self._rising = []
-        if self._event is not None:
-            done += self._carry_on(self._event, now)
-        if self._event is None and len(self._rising) >= _LOOKS_TO_BEGIN:
+            self._rising = ()
+        begins = best if len(self._rising) >= _LOOKS_TO_BEGIN else None
+        done = self._carry_on(self._event, begins, now) if self._event is not None else []
+        if self._event is None and begins is not None:
             start = max(min(seen.start for seen in self._rising), self._last_end)
             sure = max(seen.confidence for seen in self._rising)
-            self._event, self._quiet = Event(self._rising[-1].label, start, now, sure), 0
+            self._event, self._quiet = Event(begins.label, start, now, sure), 0
         return done
 
     def finish(self) -> list[Event]:
         """The event that the end of the stream cuts off, if there is one."""
         return self._close() if self._event is not None else []
 
-    def _carry_on(self, event: Event, now: float) -> list[Event]:
+    def _carry_on(self, event: Event, begins: Sighting | None, now: float) -> list[Event]:
         held = [seen for seen in self.ranking if seen.label == event.label]
-        challenged = len(self._rising) >= _LOOKS_TO_BEGIN and self._rising[-1].label != event.label
+        challenged = begins is not None and begins.label != event.label
         holds = _HOLDS * self._threshold.of(event.label)
         if held and held[0].confidence > holds and not challenged:
             sure = max(event.confidence, held[0].confidence)
@@ -134,8 +135,8 @@ class Spotter:
         parts = []
         for seconds in self.windows:
             frames = round(seconds * clip.fps) + 1
-            if frames > len(clip) or frames < 2:
-                continue
+            if frames > len(clip):  # as are all that follow
+                break
             try:
                 part = Clip(clip.joints[-frames:], clip.joint_names, clip.fps)
             except ClipError:  # no motion at all in this window
@@ -145,11 +146,10 @@ class Spotter:
             return ()
         comparison = self._recognizer.compare([part for _, part in parts], self._support)
         best: dict[str, Sighting] = {}
-        for (seconds, _), distance, confidence in zip(
-            parts, comparison.distance, comparison.confidence, strict=True
-        ):
-            nearest = int(distance.argmin())
-            label, sure = str(comparison.labels[nearest]), float(confidence[nearest])
+        for row, (seconds, _) in enumerate(parts):
+            nearest = int(comparison.distance[row].argmin())
+            label = str(comparison.labels[nearest])
+            sure = float(comparison.confidence[row, nearest])
             if label not in self._actions:
                 continue
             if label not in best or sure > best[label].confidence:
