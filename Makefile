@@ -32,7 +32,7 @@ test: .venv/installed
 nightly: .venv/release
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 -m 'nightly or not nightly' \
 		--cov --cov-report=term
-	rm -rf mutants && .venv/bin/mutmut run
+	rm -rf mutants && OMP_NUM_THREADS=1 .venv/bin/mutmut run
 	! .venv/bin/mutmut results | grep -v killed
 	sh tools/matrix.sh .venv-matrix
 
