@@ -48,7 +48,7 @@ SCHEMA = pa.schema(
 )
 _METADATA = b"actioncli"
 # Rows that are in memory at once when a Parquet file is read or written.
-_CHUNK = 10_000
+_CHUNK = 5_000
 
 
 class Results:

@@ -1,169 +1,322 @@
-"""`batch` on a real Ray cluster of two nodes: the decisions of `classify`, whatever happens."""
+"""`batch`: the decisions of `classify`, whatever happens, on its own Ray and on two nodes.
+
+Starting Ray takes ten seconds of processor time and more, and it gives its processes fifteen
+seconds to answer, which a machine that is busy with other tests does not keep. So what starts Ray
+runs with `make nightly`; what a worker does and what is kept is tested in `tests/test_batch*.py`.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from actioncli import SupportStore
+from actioncli import SupportStore, read_clip
 
-from .conftest import EXAMPLES, Invoke, Run
+from .conftest import ACTIONS, EXAMPLES, Invoke
 
-pytestmark = pytest.mark.skipif(
-    not (find_spec("ray") and sys.platform == "linux"), reason="needs the extra `ray` and /proc"
-)
-ENVIRONMENT = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": "disabled"}
-PATIENCE = 300
+needs_ray = pytest.mark.skipif(not find_spec("ray"), reason="needs the extra `ray`")
+PATIENCE = 600
+Started = Callable[..., subprocess.Popen[str]]
 
 
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[str]:
-    """The address of two nodes, each with one core."""
-    script = Path(__file__).parents[1] / "two_nodes.py"
-    nodes = subprocess.Popen(
-        [sys.executable, str(script)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=ENVIRONMENT,
-        text=True,
-    )
-    assert nodes.stdout is not None
-    try:
-        address = nodes.stdout.readline().strip()
-        assert address, "the cluster did not start"
-        yield address
-    finally:
-        nodes.communicate(timeout=PATIENCE)
+def test_without_the_extra_it_is_named(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("actioncli.cli.batch.find_spec", lambda name: None)
+    result = invoke("batch", EXAMPLES, "out.parquet")
+    assert result.exit_code == 2
+    assert "pip install 'actioncli[ray]'" in result.stderr
 
 
-@pytest.fixture
-def archive(tmp_path: Path) -> Path:
-    """Forty clips, one that is damaged and one that is empty."""
-    folder = tmp_path / "archive"
-    folder.mkdir()
-    clips = sorted(EXAMPLES.glob("*/*.npz"))
-    for number in range(40):
-        shutil.copy(clips[number % len(clips)], folder / f"{number:02d}.npz")
-    (folder / "damaged.npz").write_bytes(clips[0].read_bytes()[:500])
-    (folder / "empty.npy").touch()
-    return folder
-
-
-def rows(output: Path) -> dict[str, dict[str, Any]]:
-    from pyarrow import parquet
-
-    table = parquet.read_table(output).to_pylist()
-    return {Path(row["source"]).name: row for row in table}
-
-
-def worker() -> int | None:
-    """A process of the stage."""
-    for entry in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            if entry.read_bytes().startswith(b"ray::MapWorker"):
-                return int(entry.parent.name)
-        except OSError:
-            continue
-    return None
-
-
+@needs_ray
 @pytest.mark.usefixtures("filled")
-def test_two_nodes_decide_as_classify_though_a_worker_dies(
-    cluster: str, archive: Path, tmp_path: Path, run: Run
+@pytest.mark.parametrize(
+    ("name", "told"), [("nothing", "no such file"), ("empty", "no clips or videos"), ("*", "no ")]
+)
+def test_inputs_without_files_are_told(
+    name: str, told: str, tmp_path: Path, invoke: Invoke
 ) -> None:
-    output = tmp_path / "decisions.parquet"
-    command = ["batch", str(archive), str(output), "--ray", cluster, "--json"]
-    started = subprocess.Popen(
-        [sys.executable, "-m", "actioncli", *command],
-        env={**ENVIRONMENT, "ACTIONCLI_HOME": os.environ["ACTIONCLI_HOME"]},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    deadline = time.monotonic() + PATIENCE
-    while (found := worker()) is None and started.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.05)
-    if found is not None:
-        os.kill(found, signal.SIGKILL)
-    told, errors = started.communicate(timeout=PATIENCE)
-    assert found is not None, errors
-    assert started.returncode == 3, errors
-    summary = json.loads(told)
-    assert (summary["clips"], summary["failed"], summary["done_before"]) == (42, 2, 0)
-    classified = json.loads(run("classify", archive, "--json").stdout)
-    ours = rows(output)
-    assert len(ours) == len(classified["clips"]) == 42
-    for clip in classified["clips"]:
-        row = ours[Path(clip["source"]).name]
-        if "error" in clip:
-            assert row["error_type"] == clip["error"]["type"]
-            assert row["accepted"] is None
-            continue
-        for name in ("label", "accepted", "nearest"):
-            assert row[name] == clip[name]
-        assert row["confidence"] == pytest.approx(clip["confidence"], abs=1e-5)
-        assert row["distance"] == pytest.approx(clip["ranking"][0]["distance"], rel=1e-4)
-    assert output.stat().st_mode & 0o777 == 0o600
-    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == [output.name]
-
-    # Again: only what is new or changed.
-    shutil.copy(archive / "01.npz", archive / "new.npz")
-    os.utime(archive / "00.npz", (1, 1))
-    again = run(*command, env={**ENVIRONMENT, "ACTIONCLI_HOME": os.environ["ACTIONCLI_HOME"]})
-    summary = json.loads(again.stdout)
-    assert (summary["clips"], summary["done_before"], summary["failed"]) == (43, 41, 2)
-    assert again.returncode == 3
-    assert rows(output)["new.npz"]["label"] == rows(output)["01.npz"]["label"]
+    folder = tmp_path / "archive"
+    (folder / "empty").mkdir(parents=True)
+    result = invoke("batch", folder / name, tmp_path / "out.parquet")
+    assert result.exit_code == 3
+    assert told in result.stderr
+    assert not (tmp_path / "out.parquet").exists()
 
 
+@needs_ray
+def test_an_empty_support_set_is_told(tmp_path: Path, invoke: Invoke) -> None:
+    result = invoke("batch", EXAMPLES / "squat", tmp_path / "out.parquet")
+    assert result.exit_code == 4
+
+
+@needs_ray
 def test_other_decisions_are_not_mixed(
     filled: SupportStore, tmp_path: Path, invoke: Invoke
 ) -> None:
     from actioncli.batch_results import Results
 
-    output = tmp_path / "decisions.parquet"
-    Results(output, {"weights": "of old", "support set": "", "tau": "", "options": ""}).finish()
+    output = tmp_path / "out.parquet"
+    with Results.opened(output, {"weights": "of old"}) as results:
+        results.finish()
     result = invoke("batch", EXAMPLES / "squat", output)
     assert result.exit_code == 2
-    assert "other weights and support set and tau and options" in result.stderr
-    assert "--restart" in result.stderr
+    for basis in ("INPUT", "version of actioncli", "weights", "support set", "tau", "options"):
+        assert basis in result.stderr
+    assert "delete it" in result.stderr
 
 
-@pytest.mark.usefixtures("filled")
-@pytest.mark.parametrize(
-    ("name", "told"), [("nothing", "no such file"), ("empty", "no clips or videos")]
-)
-def test_inputs_without_files_are_told(
-    name: str, told: str, tmp_path: Path, invoke: Invoke
+@needs_ray
+def test_the_columns_are_the_documented_ones(invoke: Invoke) -> None:
+    from actioncli.batch_results import SCHEMA
+
+    block = invoke("batch", "--help").stdout.partition("Parquet columns:\n")[2]
+    lines = block.partition("\n\n")[0].splitlines()
+    named = [re.split(r"\s{2,}", line.strip())[0].split(", ") for line in lines]
+    assert [name for names in named for name in names] == SCHEMA.names
+
+
+# What starts Ray.
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[Path]:
+    """A folder with a support set; its path is short, as paths of sockets have to be."""
+    with tempfile.TemporaryDirectory(prefix="ac-", ignore_cleanup_errors=True) as folder:
+        home = Path(folder, "home")
+        home.mkdir()
+        clips = [(label, read_clip(EXAMPLES / f"{name}.npz")) for label, name in ACTIONS.items()]
+        SupportStore(home / "support.db").enroll_all(clips)
+        yield Path(folder)
+
+
+@pytest.fixture(scope="module")
+def archive(place: Path) -> Path:
+    """150 clips, two of them damaged, and a video that is empty."""
+    folder = place / "archive"
+    folder.mkdir()
+    clips = sorted(EXAMPLES.glob("*/*.npz"))
+    for number in range(150):
+        shutil.copy(clips[number % len(clips)], folder / f"{number:03d}.npz")
+    for name in ("040.npz", "090.npz"):
+        (folder / name).write_bytes(clips[0].read_bytes()[:500])
+    (folder / "video.mp4").touch()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def start(place: Path) -> Iterator[Started]:
+    """Start a program under an environment by which its processes are known."""
+    environment = {**os.environ, "ACTIONCLI_HOME": str(place / "home")}
+    # Each process of Ray takes one core; what a cluster of tests holds needs no secret.
+    environment |= {"RAY_USAGE_STATS_ENABLED": "0", "OMP_NUM_THREADS": "1"}
+    running: list[subprocess.Popen[str]] = []
+
+    def call(*words: object) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, *map(str, words)],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            process_group=0,
+        )
+        running.append(process)
+        return process
+
+    yield call
+    for process in running:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="module")
+def cluster(place: Path, start: Started) -> str:
+    """The address of two nodes with one core each."""
+    (place / "ray").mkdir()
+    nodes = start(
+        "-c",
+        "import sys\n"
+        "from ray.cluster_utils import Cluster\n"
+        "node = dict(num_cpus=1, include_dashboard=False, node_ip_address='127.0.0.1')\n"
+        "cluster = Cluster(True, head_node_args={**node, 'temp_dir': sys.argv[1]})\n"
+        "cluster.add_node(**node, temp_dir=sys.argv[1])\n"
+        "print(cluster.address, flush=True)\n"
+        "sys.stdin.read()\n"
+        "cluster.shutdown()\n",
+        place / "ray",
+    )
+    assert nodes.stdout is not None
+    address = nodes.stdout.readline().strip()
+    assert address, nodes.communicate()[1]
+    return address
+
+
+def processes(place: Path, title: bytes = b"") -> list[int]:
+    """Those of programs that `start` began."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            environment = (entry / "environ").read_bytes()
+            named = (entry / "cmdline").read_bytes().startswith(title)
+            if named and f"={place}/home\0".encode() in environment:
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def listening(pids: list[int]) -> set[str]:
+    """Addresses at which processes listen, as the kernel writes them."""
+    sockets = set()
+    for pid in pids:
+        for handle in Path(f"/proc/{pid}/fd").glob("*"):
+            try:
+                sockets.add(str(handle.readlink()))
+            except OSError:
+                continue
+    lines = [
+        line.split()
+        for name in ("tcp", "tcp6")
+        for line in Path("/proc/net", name).read_text().splitlines()[1:]
+    ]
+    return {
+        line[1].partition(":")[0]
+        for line in lines
+        if line[3] == "0A" and f"socket:[{line[9]}]" in sockets
+    }
+
+
+def rows(output: Path) -> dict[str, dict[str, Any]]:
+    from pyarrow import parquet
+
+    return {Path(row["source"]).name: row for row in parquet.read_table(output).to_pylist()}
+
+
+def told(process: subprocess.Popen[str], word: str) -> str:
+    """What a program writes to standard error until the word is in it."""
+    assert process.stderr is not None
+    lines = ""
+    while word not in lines:
+        line = process.stderr.readline()
+        assert line, lines
+        lines += line
+    return lines
+
+
+@pytest.fixture(scope="module")
+def one_run(start: Started, cluster: str, place: Path, archive: Path) -> Path:
+    """The output of a run on two nodes, one of whose workers was killed."""
+    output = place / "cluster.parquet"
+    command = ("-m", "actioncli", "batch", archive, output, "--ray", cluster, "--json")
+    process = start(*command)
+    # Blocks are done in this order: many rows are known, and many are not.
+    told(process, "040.npz")
+    workers = processes(place, b"ray::MapWorker")
+    os.kill(workers[0], signal.SIGKILL)
+    printed, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 3, errors
+    summary = json.loads(printed)
+    assert (summary["files"], summary["failed"], summary["done_before"]) == (151, 3, 0)
+    return output
+
+
+@needs_ray
+@pytest.mark.nightly
+def test_two_nodes_decide_as_classify_though_a_worker_dies(
+    one_run: Path, start: Started, archive: Path, place: Path, invoke: Invoke
 ) -> None:
-    (tmp_path / "empty").mkdir()
-    result = invoke("batch", tmp_path / name, tmp_path / "decisions.parquet")
-    assert result.exit_code == 3
-    assert told in result.stderr
-    assert not (tmp_path / "decisions.parquet").exists()
+    printed, _ = start("-m", "actioncli", "classify", archive, "--json").communicate(PATIENCE)
+    classified = json.loads(printed)["clips"]
+    ours = rows(one_run)
+    assert len(ours) == len(classified) == 151
+    for clip in classified:
+        row = ours[Path(clip["source"]).name]
+        if "error" in clip:
+            assert row["error"] == clip["error"]["message"]
+            continue
+        assert (row["label"], row["nearest"]) == (clip["label"], clip["nearest"])
+        assert row["confidence"] == pytest.approx(clip["confidence"], abs=1e-5)
+        assert row["distance"] == pytest.approx(clip["ranking"][0]["distance"], rel=1e-4)
+    assert not list(place.glob("cluster.parquet.*"))
 
 
-def test_an_empty_support_set_is_told(tmp_path: Path, invoke: Invoke) -> None:
-    result = invoke("batch", EXAMPLES / "squat", tmp_path / "decisions.parquet")
-    assert result.exit_code == 4
+@needs_ray
+@pytest.mark.nightly
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_what_a_killed_and_an_interrupted_run_leave_ends_like_one_run(
+    one_run: Path, start: Started, archive: Path, place: Path
+) -> None:
+    output = place / "own.parquet"
+    others = processes(place)
+    temporary = set(Path("/tmp").glob("actioncli-*"))
+    command = ("-m", "actioncli", "batch", archive, output)
+    done = [-1]
+    for end, last in ((signal.SIGKILL, "040.npz"), (signal.SIGINT, "090.npz"), (None, "video.mp4")):
+        process = start(*command)
+        begun = told(process, last)
+        done.append(int(begun.removeprefix("151 files, ").partition(" ")[0]))
+        if end is not None:
+            ours = [pid for pid in processes(place) if pid not in others]
+            assert len(ours) > 5
+            assert listening(ours) <= {
+                "0100007F", "0000000000000000FFFF00000100007F", "00000000000000000000000001000000"
+            }  # fmt: skip
+            [folder] = set(Path("/tmp").glob("actioncli-*")) - temporary
+            assert folder.stat().st_mode & 0o777 == 0o700
+            if end == signal.SIGKILL:
+                process.kill()
+            else:
+                # As the terminal does it: to all processes in the foreground.
+                os.killpg(process.pid, end)
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert process.returncode == {signal.SIGKILL: -9, signal.SIGINT: 130, None: 3}[end], errors
+        deadline = time.monotonic() + 60
+        while len(processes(place)) > len(others) and time.monotonic() < deadline:
+            time.sleep(0.2)
+        assert set(processes(place)) <= set(others)
+        assert set(Path("/tmp").glob("actioncli-*")) <= temporary
+        assert ("files are kept; the same command goes on" in errors) == (end == signal.SIGINT)
+    assert 0 == done[1] < done[2] < done[3]
+    assert output.read_bytes() == one_run.read_bytes()
 
 
-def test_a_list_names_files_beside_it(tmp_path: Path) -> None:
-    from actioncli.cli.batch import _sources
-
-    shutil.copytree(EXAMPLES / "squat", tmp_path / "clips")
-    (tmp_path / "list.txt").write_text("clips\n\nclips/ada.npz\nmissing.mp4\n")
-    found = _sources(tmp_path / "list.txt")
-    clips = sorted((tmp_path / "clips").glob("*.npz"))
-    assert found == [str(path) for path in [*clips, tmp_path / "missing.mp4"]]
+@needs_ray
+@pytest.mark.nightly
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_a_file_that_kills_its_workers_becomes_a_row(
+    start: Started, cluster: str, place: Path
+) -> None:
+    folder, output = place / "deadly", place / "deadly.parquet"
+    folder.mkdir()
+    shutil.copy(EXAMPLES / "squat/ada.npz", folder)
+    # So long that its worker can be found, which is then killed as lack of memory does it.
+    motion = np.random.default_rng(0).normal(size=(30_000, 24, 3)).cumsum(axis=0) / 100
+    np.save(folder / "long.npy", motion)
+    more = ("--layout", "smpl_24", "--unit", "m", "--up", "y", "--fps", "30")
+    process = start("-m", "actioncli", "batch", folder, output, "--ray", cluster, *more)
+    seen: dict[int, float] = {}
+    while process.poll() is None:
+        time.sleep(0.2)
+        for pid in processes(place, b"ray::MapWorker(MapBatches(Stage)).submit"):
+            if time.monotonic() - seen.setdefault(pid, time.monotonic()) > 4:
+                os.kill(pid, signal.SIGKILL)
+    _, errors = process.communicate()
+    assert process.returncode == 3, errors
+    found = rows(output)
+    assert "died, 3 times in a row" in found["long.npy"]["error"]
+    assert found["ada.npz"]["error"] is None
