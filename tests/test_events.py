@@ -147,7 +147,7 @@ class OnALine(Recognizer):
         queries: Sequence[Clip] | FloatArray,
         support: Mapping[str, Sequence[Clip] | FloatArray],
     ) -> Comparison:
-        places = np.array([clip.joints[..., 0].mean() for clip in queries])
+        places = np.array([clip.joints[0, 0, 0] + clip.duration / 2 for clip in queries])
         distance = abs(places[:, None] - np.array([each.mean() for each in support.values()]))
         confidence = 1 / (1 + distance)
         return Comparison(np.array(list(support)), distance, confidence, confidence)

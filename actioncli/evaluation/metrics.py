@@ -87,10 +87,10 @@ def fpr_at_tpr(known_score: ArrayLike, unknown_score: ArrayLike, tpr: float = 0.
     """
     known = np.sort(_of_some(known_score, "known"))
     unknown = _of_some(unknown_score, "unknown")
-    # `rejected` known queries may fall below the threshold; a hair more before flooring, because
-    # 20 * (1 - 0.95) is a hair below 1 in binary.
-    rejected = int(np.floor(known.size * (1.0 - tpr) + 1e-9))
-    return float(np.mean(unknown >= known[min(rejected, known.size - 1)]))
+    # So many known queries must pass; a hair less before rounding up, because the product may be a
+    # hair above a whole number in binary.
+    needed = max(1, int(np.ceil(known.size * tpr - 1e-9)))
+    return float(np.mean(unknown >= known[-needed]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

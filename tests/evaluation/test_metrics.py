@@ -109,8 +109,9 @@ def test_fpr_at_tpr_is_the_best_admissible_threshold(
 def test_fpr_at_95_percent_lets_one_known_query_in_twenty_go() -> None:
     known = np.arange(1, 21) / 20
     assert metrics.fpr_at_tpr(known, [0.05, 0.06, 0.2]) == pytest.approx(1 / 3)
-    assert metrics.fpr_at_tpr(known.repeat(2), [0.05, 0.1, 0.2]) == pytest.approx(2 / 3)
     assert metrics.fpr_at_tpr(np.arange(40), [1.5, 2, 2.5]) == pytest.approx(2 / 3)
+    # 100 * 0.07 is a hair above 7 in binary.
+    assert metrics.fpr_at_tpr(np.arange(100), [92.5, 93, 94], tpr=0.07) == pytest.approx(2 / 3)
 
 
 def test_fpr_where_no_known_query_must_pass_is_that_of_the_surest() -> None:
