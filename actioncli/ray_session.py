@@ -9,6 +9,7 @@ import contextlib
 import logging
 import os
 import secrets
+import socket
 import subprocess
 import sys
 import tempfile
@@ -21,8 +22,16 @@ from actioncli.errors import UsageError
 # Bytes for what workers hand over; rows are small, and Ray wants no less.
 _OBJECT_STORE = 80 * 2**20
 
-# Nothing is reported to anyone, and messages for developers of Ray stay out of the terminal.
-_QUIET = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_BACKEND_LOG_LEVEL": "fatal"}
+# How long a cluster may take to answer.
+_ANSWER_SECONDS = 10.0
+
+# Nothing is reported to anyone, and Ray writes to neither standard output nor error.
+_QUIET = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_BACKEND_LOG_LEVEL": "fatal",
+    "RAY_DEDUP_LOGS": "1",
+    "RAY_DEDUP_LOGS_SKIP_REGEX": ".",
+}
 # Ray of this machine alone: nothing listens on another interface, or to who has no token.
 _PRIVATE = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # where this is off, 127.0.0.1 is its address
@@ -57,6 +66,7 @@ def joined_ray(address: str | None = None) -> Iterator[None]:
     """
     os.environ |= _QUIET
     if address is not None:
+        _look_for(address)
         with _connected({"address": address}):
             yield
         return
@@ -113,17 +123,26 @@ def _connected(how: Mapping[str, Any]) -> Iterator[None]:
         ray.shutdown()
 
 
+def _look_for(address: str) -> None:
+    """Ray itself would wait for minutes for a machine that does not answer."""
+    host, _, port = address.rpartition(":")
+    try:
+        if address != "auto":
+            socket.create_connection((host, int(port)), timeout=_ANSWER_SECONDS).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise UsageError(
+            f"there is no Ray cluster at {address!r}: start one with `ray start`, or leave out "
+            "--ray."
+        ) from error
+
+
 def _start(how: Mapping[str, Any]) -> None:
     import ray
 
     try:
         ray.init(**how, logging_level=logging.CRITICAL, log_to_driver=False)
-    except ConnectionError as error:
-        raise UsageError(
-            f"there is no Ray cluster at {how['address']!r}: start one with `ray start`, or leave "
-            "out --ray."
-        ) from error
-    # Ray raises Exception itself where its processes are not up within half a minute.
+    # Ray raises Exception itself where its processes are not up within half a minute, and
+    # ConnectionError where `auto` finds no cluster.
     except Exception as error:
         raise UsageError(
             f"Ray does not start: {error} (try again when the machine is less busy, or with --ray "

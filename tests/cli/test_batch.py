@@ -88,6 +88,20 @@ def test_the_columns_are_the_documented_ones(invoke: Invoke) -> None:
     assert [name for names in named for name in names] == SCHEMA.names
 
 
+@needs_ray
+@pytest.mark.usefixtures("filled")
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "no.such.host.invalid:6379"])
+def test_where_no_cluster_is_it_is_told_at_once(
+    address: str, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    monkeypatch.setenv("RAY_BACKEND_LOG_LEVEL", "fatal")
+    output = tmp_path / "out.parquet"
+    result = invoke("batch", EXAMPLES / "squat", output, "--ray", address)
+    assert result.exit_code == 2
+    assert f"there is no Ray cluster at '{address}'" in result.stderr
+
+
 # What starts Ray.
 
 
@@ -120,8 +134,9 @@ def archive(place: Path) -> Path:
 def start(place: Path) -> Iterator[Started]:
     """Start a program under an environment by which its processes are known."""
     environment = {**os.environ, "ACTIONCLI_HOME": str(place / "home")}
-    # Each process of Ray takes one core; what a cluster of tests holds needs no secret.
     environment |= {"RAY_USAGE_STATS_ENABLED": "0", "OMP_NUM_THREADS": "1"}
+    # Without this a driver looks for the cluster at the address of another interface.
+    environment["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
     running: list[subprocess.Popen[str]] = []
 
     def call(*words: object) -> subprocess.Popen[str]:
@@ -138,10 +153,9 @@ def start(place: Path) -> Iterator[Started]:
         return process
 
     yield call
+    # The end of its standard input ends the cluster.
     for process in running:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+        process.communicate(timeout=PATIENCE)
 
 
 @pytest.fixture(scope="module")
@@ -150,15 +164,16 @@ def cluster(place: Path, start: Started) -> str:
     (place / "ray").mkdir()
     nodes = start(
         "-c",
-        "import sys\n"
+        "import os, sys\n"
+        "os.environ['RAY_TMPDIR'] = sys.argv[1]\n"
         "from ray.cluster_utils import Cluster\n"
         "node = dict(num_cpus=1, include_dashboard=False, node_ip_address='127.0.0.1')\n"
-        "cluster = Cluster(True, head_node_args={**node, 'temp_dir': sys.argv[1]})\n"
-        "cluster.add_node(**node, temp_dir=sys.argv[1])\n"
+        "cluster = Cluster(True, head_node_args=node)\n"
+        "cluster.add_node(**node)\n"
         "print(cluster.address, flush=True)\n"
         "sys.stdin.read()\n"
         "cluster.shutdown()\n",
-        place / "ray",
+        place,
     )
     assert nodes.stdout is not None
     address = nodes.stdout.readline().strip()
@@ -238,9 +253,10 @@ def one_run(start: Started, cluster: str, place: Path, archive: Path) -> Path:
 @needs_ray
 @pytest.mark.nightly
 def test_two_nodes_decide_as_classify_though_a_worker_dies(
-    one_run: Path, start: Started, archive: Path, place: Path, invoke: Invoke
+    one_run: Path, start: Started, archive: Path, place: Path
 ) -> None:
-    printed, _ = start("-m", "actioncli", "classify", archive, "--json").communicate(PATIENCE)
+    one_by_one = start("-m", "actioncli", "classify", archive, "--json")
+    printed, _ = one_by_one.communicate(timeout=PATIENCE)
     classified = json.loads(printed)["clips"]
     ours = rows(one_run)
     assert len(ours) == len(classified) == 151
