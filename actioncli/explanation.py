@@ -137,7 +137,7 @@ def _nearest(recognizer: Recognizer, asked: FloatArray, support: FloatArray) -> 
     if not config.warp_width:
         each = {str(n): support[n : n + 1] for n in range(len(support))}
         return int(recognizer.compare(asked, each).distance.argmin()), False
-    warped = compare.warp(config, asked, list(support[:, None]))
+    warped = compare.warp(recognizer.weights.tensors, config, asked, list(support[:, None]))
     example = int(warped.cost[0].argmin())
     return example, bool(warped.mirrored[0, example])
 
@@ -230,7 +230,7 @@ def _attention(
     """Attention from the query's pairs to those of each example (P, n, P), and each pair's share
     of T (P,)."""
     params, config = recognizer.weights.tensors, recognizer.weights.config
-    view, columns = asked_view(config, asked), token_columns(config)
+    view, columns = asked_view(params, config, asked), token_columns(config)
     seen = in_view(asked, columns, view)
     query_keys, query_values = (each[0] for each in trx_os.pairs(params, config, seen))
     beside = support[..., columns[view[0] ^ mirrored]]

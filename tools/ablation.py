@@ -64,21 +64,15 @@ LINES: Mapping[str, Callable[[Recipe], Recipe]] = {
     "recipe `default`": lambda recipe: recipe,
     "without estimator's errors": training(estimated=0.0),
     "without any augmentation": training(disturbed=False),
-    "without made classes": training(made_classes=False),
     "5 ways": training(ways=5),
-    "without learned temperature": training(temperature=False),
-    "without averaged weights": training(average=0.0),
     "16 frames": preparation(frames=16),
     "frames equidistant in time": preparation(motion=0.0),
     "recorded heading": preparation(heading=False),
     "joint positions alone": model(body_features=False),
     "the paper's MLP as Ψ": model(convolutions=0),
     "attention one way": model(both_ways=False),
-    "attention to any place": model(near_pairs=False),
+    "attention prefers near places": model(near_pairs=True),
     "squared distance": model(distance="squared"),
-    "without temperature, averaging, made classes and near places": lambda recipe: training(
-        temperature=False, average=0.0, made_classes=False
-    )(model(near_pairs=False)(recipe)),
     "joint positions of recorded proportions, T and discriminator alone": lambda recipe: model(
         body_features=False, warp_width=0, neighbours=0, mirrored=0.0
     )(preparation(size="torso")(recipe)),

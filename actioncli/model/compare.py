@@ -56,7 +56,7 @@ def scores(
         parts = score_parts(params, config, queries, actions)
         return parts[..., 0], parts[..., 3]
     weight, bias = params["score.weight"], params["score.bias"]
-    warped = warp(config, queries, actions)
+    warped = warp(params, config, queries, actions)
     counts = np.array([len(action) for action in actions])
     chosen = None
     if counts.sum() > EXACT:
@@ -111,7 +111,7 @@ def score_parts(
     the cost; T and the cost are then multiplied by `mirrored`. Of several examples, T attends to
     all together; the cost and the support's attention to the query are those of the best one.
     """
-    return _parts(params, config, queries, actions, warp(config, queries, actions), None)
+    return _parts(params, config, queries, actions, warp(params, config, queries, actions), None)
 
 
 def _parts(
@@ -127,7 +127,7 @@ def _parts(
     every = np.arange(len(actions))
     for start in range(0, len(queries), _BLOCK_QUERIES):
         rows = slice(start, start + _BLOCK_QUERIES)
-        view = asked_view(config, queries[rows])
+        view = asked_view(params, config, queries[rows])
         asked = in_view(queries[rows], token_columns(config), view)
         query_keys, query_values = trx_os.pairs(params, config, asked)
         for side, columns in enumerate(token_columns(config)):
@@ -206,7 +206,9 @@ class Warped(NamedTuple):
     mirrored: NDArray[np.bool_]
 
 
-def warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]) -> Warped:
+def warp(
+    params: Params, config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]
+) -> Warped:
     """Warp queries (Q, F, E) to all examples of K actions and to their mirror images."""
     shape = len(queries), len(actions)
     if not config.warp_width:
@@ -217,7 +219,7 @@ def warp(config: ModelConfig, queries: FloatArray, actions: Sequence[FloatArray]
         np.concatenate([action[..., columns] for action in actions])
         for columns in warp_columns(config)
     ]
-    view = asked_view(config, queries)
+    view = asked_view(params, config, queries)
     asked = in_view(queries, warp_columns(config), view)
     # (views, Q, examples): first those as they are beside the query, then their mirror images.
     cost = np.stack([warping_cost(asked, examples) for examples in seen])

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
+from actioncli.clips.prepare import BONES
 from actioncli.model import trx_os
 from actioncli.model.arrays import Params
 from actioncli.model.config import ModelConfig
@@ -58,7 +59,7 @@ def embed(
     if config.warp_width:
         for columns, view in zip(warp_columns(config), views, strict=True):
             embedding[..., columns] = warp_features(config, params["warp.components"], view)
-    asked = asked_view(config, embedding)
+    asked = asked_view(params, config, embedding)
     for at, (columns, view) in enumerate(zip(token_columns(config), views, strict=True)):
         rows = np.flatnonzero(asked == at) if queries else np.arange(len(frames))
         features = trx_os.psi(params, config, token_features(config, view[rows]))
@@ -87,31 +88,41 @@ def in_view(embedding: FloatArray, columns: Sequence[slice], view: NDArray[np.in
     return np.asarray(both[view, np.arange(len(view))])
 
 
-def asked_view(config: ModelConfig, embedding: FloatArray) -> NDArray[np.intp]:
+def asked_view(params: Params, config: ModelConfig, embedding: FloatArray) -> NDArray[np.intp]:
     """Which view of clips (N, F, E) is compared when they are queries, (N,): 0 as they are, 1 in
     the mirror.
 
-    That with the larger sum of warp features, later frames counting more; without warping the
-    clip as it is.
+    That in which the right side moves more than the left, as far as the warp features show;
+    without warping the clip as it is.
     """
     if not (config.mirrored and config.warp_width):
         return np.zeros(len(embedding), np.intp)
-    later = np.arange(1, config.tokens + 1, dtype=np.float32)
-    plain, mirrored = (
-        embedding[..., columns].sum(axis=2) @ later for columns in warp_columns(config)
+    components = params["warp.components"].reshape(len(BONES), 3, config.warp_width)
+    right, left = (
+        components[[child[0] == side for child, _, _ in BONES]].reshape(-1, config.warp_width)
+        for side in "rl"
     )
-    return np.asarray(mirrored > plain, np.intp)
+    # Sum of squares on the right minus that on the left, of what differs from the clip's mean.
+    right_sided = right.T @ right - left.T @ left
+    moved = []
+    for columns in warp_columns(config):
+        motion = embedding[..., columns]
+        motion = motion - motion.mean(axis=1, keepdims=True)
+        moved.append(((motion @ right_sided) * motion).sum(axis=(1, 2)))
+    return np.asarray(moved[1] > moved[0], np.intp)
 
 
 def _radius(
     params: Params, config: ModelConfig, embedding: FloatArray, asked: NDArray[np.intp]
 ) -> FloatArray:
-    """Mean warping cost to the nearest motions of the cohort or their mirror images, (N,): how
-    much room is around a clip. Ordinary motions have near neighbours, so that near a query says
-    less for them."""
+    """Mean warping cost to the nearest motions of the cohort, (N,): how much room is around a clip.
+    Ordinary motions have near neighbours, so that near a query says less for them."""
     columns = warp_columns(config)
     clips = in_view(embedding, columns, asked)
     cohort = params["cohort"]
-    cost = np.min([warping_cost(clips, cohort[..., at]) for at in columns], axis=0)
+    cost = warping_cost(clips, cohort[..., columns[0]])
+    if config.mirrored:
+        other = warping_cost(clips, cohort[..., columns[1]])
+        cost = np.minimum(cost, config.mirrored * other)
     nearest = np.sort(cost, axis=1)[:, : config.neighbours].mean(axis=1)
     return np.asarray(np.maximum(nearest, SAME), np.float32)

@@ -21,7 +21,6 @@ class TrainingState:
     Attributes:
         params: the model's tensors, each a `torch.nn.Parameter`.
         optimizer: Adam over `params`, in their order.
-        average: running average of `params`, what is validated and kept.
         best: the tensors that did best on the validation classes so far.
         score: the validation score of `best`.
         history: one entry for each look at the validation classes.
@@ -30,7 +29,6 @@ class TrainingState:
     step: int
     params: dict[str, Tensor]
     optimizer: torch.optim.AdamW
-    average: dict[str, Tensor]
     best: dict[str, Tensor]
     score: float
     history: list[dict[str, Any]]
@@ -41,7 +39,6 @@ def save_checkpoint(path: Path, state: TrainingState, fingerprint: str) -> None:
     from safetensors.torch import save_file
 
     tensors = {f"param/{name}": tensor.detach() for name, tensor in state.params.items()}
-    tensors |= {f"average/{name}": tensor for name, tensor in state.average.items()}
     tensors |= {f"best/{name}": tensor for name, tensor in state.best.items()}
     for name, tensor in state.params.items():
         for key, moment in state.optimizer.state[tensor].items():
@@ -101,7 +98,6 @@ def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
         step=int(header["step"]),
         params=params,
         optimizer=optimizer,
-        average=group("average/"),
         best=group("best/"),
         score=float(header["score"]),
         history=json.loads(header["history"]),

@@ -13,8 +13,8 @@ from actioncli.clips.clip import FloatArray
 from actioncli.clips.prepare import BONES, prepare
 from actioncli.model import compare
 from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import embed
-from actioncli.model.features import warp_features
+from actioncli.model.embedding import asked_view, embed
+from actioncli.model.features import mirror, warp_features
 from actioncli.training.data import Indices, TrainingSet
 
 COHORT = 256
@@ -73,8 +73,12 @@ def warp_components(config: ModelConfig, frames: FloatArray) -> FloatArray:
 def _cohort(
     config: ModelConfig, params: Mapping[str, FloatArray], frames: FloatArray
 ) -> FloatArray:
-    """Embeddings of the cohort's clips; each one's own radius does not count itself."""
-    alone = embed(params, replace(config, neighbours=0), frames)
+    """Embeddings of the cohort's clips, turned to the side on which queries are asked; each one's
+    own radius does not count itself."""
+    plain = replace(config, neighbours=0)
+    left_sided = asked_view(params, config, embed(params, plain, frames)) > 0
+    frames = np.where(left_sided[:, None, None, None], mirror(config, frames), frames)
+    alone = embed(params, plain, frames)
     blank = np.zeros((*alone.shape[:2], 1), np.float32)
     # In halves, so that a clip finds its neighbours in the half without it.
     half = len(frames) // 2

@@ -112,7 +112,7 @@ def train(
         descend = objective(recipe, data, processes)
         state = load_checkpoint(checkpoint, fingerprint)
         if state is None:
-            state = _new_state(recipe.config, descend.extra_parameters(), seed)
+            state = _new_state(recipe.config, seed)
         processes.check_same("recipe, seed, data and checkpoint", f"{fingerprint} {state.step}")
         step = processes.together(state.params, partial(descend.loss, state.params))
         begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
@@ -207,22 +207,17 @@ def _step(recipe: Recipe, state: TrainingState) -> None:
         group["lr"], group["weight_decay"] = _rate(recipe, state.step), decay
     state.optimizer.step()
     state.optimizer.zero_grad()
-    # The average forgets faster at the beginning, when there is little to remember.
-    kept = min(recipe.average, (1 + state.step) / (10 + state.step))
-    with torch.no_grad():
-        for name, tensor in state.params.items():
-            state.average[name].lerp_(tensor, 1 - kept)
 
 
 def _validate(state: TrainingState, config: ModelConfig, validation: Validation) -> None:
     """Look at the unseen classes with T and discriminator alone: the rest is added at the end."""
     plain = replace(config, warp_width=0, neighbours=0, mirrored=0.0)
-    arrays = {name: state.average[name].numpy() for name in parameter_shapes(plain)}
+    arrays = {name: state.params[name].detach().numpy() for name in parameter_shapes(plain)}
     figures = validation.figures(Weights(plain, arrays, {}, f"step-{state.step}", Path()))
     state.history.append({"step": state.step, **asdict(figures)})
     if figures.score > state.score:
         state.score = figures.score
-        state.best = {name: tensor.clone() for name, tensor in state.average.items()}
+        state.best = {name: tensor.detach().clone() for name, tensor in state.params.items()}
 
 
 def _rate(recipe: Recipe, step: int) -> float:
@@ -230,7 +225,7 @@ def _rate(recipe: Recipe, step: int) -> float:
     return recipe.rate * warm * (0.03 + 0.485 * (1 + math.cos(math.pi * step / recipe.steps)))
 
 
-def _new_state(config: ModelConfig, extra: dict[str, float], seed: int) -> TrainingState:
+def _new_state(config: ModelConfig, seed: int) -> TrainingState:
     """Uniform in ±1/√(inputs of the layer), norms at one: PyTorch's usual start."""
     rng = np.random.default_rng([seed, 0x1417])
     params: dict[str, Tensor] = {}
@@ -249,9 +244,6 @@ def _new_state(config: ModelConfig, extra: dict[str, float], seed: int) -> Train
             fan_in = shape[0] if len(shape) == 2 else fan_in
             values = rng.uniform(-1, 1, shape) / math.sqrt(fan_in)
         params[name] = torch.nn.Parameter(torch.tensor(values, dtype=torch.float32))
-    for name, value in extra.items():
-        params[name] = torch.nn.Parameter(torch.tensor(value))
     # In the order in which a checkpoint gives them back: sums of floats depend on it.
     params = dict(sorted(params.items()))
-    average = {name: tensor.detach().clone() for name, tensor in params.items()}
-    return TrainingState(0, params, new_optimizer(params), average, {}, -math.inf, [])
+    return TrainingState(0, params, new_optimizer(params), {}, -math.inf, [])

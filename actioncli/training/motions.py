@@ -20,9 +20,6 @@ FRAMES = 64
 
 _AT = {child: bone for bone, (child, _, _) in enumerate(BONES)}
 LENGTHS = torch.tensor([length for _, _, length in BONES])[:, None]
-_MIRRORED = [
-    _AT[{"l": "r", "r": "l"}.get(c[0], "") + c[1:]] if c[0] in "lr" else _AT[c] for c in _AT
-]
 
 
 def bones_of(*joints: str) -> list[int]:
@@ -75,11 +72,6 @@ def unit(vectors: Tensor) -> Tensor:
     """Vectors of length one; the zero vector stays."""
     scaled: Tensor = vectors / (torch.linalg.vector_norm(vectors, dim=-1, keepdim=True) + 1e-6)
     return scaled
-
-
-def mirrored(bones: Tensor) -> Tensor:
-    """The same motion with left and right exchanged."""
-    return bones[..., _MIRRORED, :] * torch.tensor([-1.0, 1.0, 1.0])
 
 
 def at_times(bones: Tensor, times: Tensor) -> Tensor:

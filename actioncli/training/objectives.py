@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -37,9 +36,6 @@ class Objective(Protocol):
     The shares that the processes of a run compute of a step add up to what one alone computes.
     """
 
-    def extra_parameters(self) -> dict[str, float]:
-        """Numbers that are learned beside the model and left out of the weights."""
-
     def loss(self, params: dict[str, Tensor], rng: np.random.Generator) -> StepResult:
         """Loss of one step, or this process's share of it."""
 
@@ -58,10 +54,6 @@ class PaperEpisodes:
         self._recipe, self._data, self._processes = recipe, data, processes
         how = recipe.config.preparation
         self._frames = torch.from_numpy(np.stack([prepare(clip, how) for clip in data.clips]))
-
-    def extra_parameters(self) -> dict[str, float]:
-        """None."""
-        return {}
 
     def loss(self, params: dict[str, Tensor], rng: np.random.Generator) -> StepResult:
         """See `episode_loss`."""
@@ -83,9 +75,9 @@ class PaperEpisodes:
 class ManyWays:
     """The default's: one task of many ways a step, in which every query meets every support.
 
-    Cross-entropy over -T times a learned temperature, plus sigma times the discriminator's
-    binary cross-entropy: every query against its own way (yes), and against the others (no),
-    most against the one that would be taken if its own were not enrolled.
+    Cross-entropy over -T, plus sigma times the discriminator's binary cross-entropy: every query
+    against its own way (yes), and against the others (no), most against the one that would be
+    taken if its own were not enrolled.
 
     For speed a step sees half of the pairs of tokens, drawn anew each time. Of several processes,
     each embeds all clips and compares its share of the queries.
@@ -96,25 +88,18 @@ class ManyWays:
     def __init__(self, recipe: Recipe, data: TrainingSet, processes: Processes = ALONE) -> None:
         """Prepare all clips once."""
         self._recipe, self._processes = recipe, processes
-        self._tasks = TaskSource(
-            cut_long_recordings(data), recipe.config.preparation, recipe.made_classes
-        )
-
-    def extra_parameters(self) -> dict[str, float]:
-        """The logarithm of the temperature, which starts at 10/√W."""
-        if not self._recipe.temperature:
-            return {}
-        return {"log_temperature": math.log(10 / self._recipe.config.key_width**0.5)}
+        self._tasks = TaskSource(cut_long_recordings(data), recipe.config.preparation)
 
     def loss(self, params: dict[str, Tensor], rng: np.random.Generator) -> StepResult:
         """Loss of one task."""
         recipe, config = self._recipe, self._recipe.config
-        ways, bones, lengths = self._tasks.draw(recipe.ways, rng)
-        ours = self._processes.share(len(ways))
+        bones, lengths = self._tasks.draw(recipe.ways, rng)
+        ways = bones.shape[1]
+        ours = self._processes.share(ways)
         torch.manual_seed(int(rng.integers(2**63)))
         chance = torch.Generator().manual_seed(int(rng.integers(2**63)))
         with torch.no_grad():
-            same = alike(ways, bones)[ours]
+            same = alike(bones)[ours]
             bones = bones.flatten(0, 1)
             if recipe.disturbed:
                 bones = augment(bones, chance, recipe.estimated)
@@ -123,20 +108,19 @@ class ManyWays:
         with torch.autocast("cpu", dtype=torch.bfloat16):
             distances, logits = self._compare(params, config, frames, ours, chosen)
         distances, logits = distances.float(), logits.float()
-        temperature = params["log_temperature"].exp() if recipe.temperature else 1.0
-        scores = (-distances * temperature).masked_fill(same, -1e4)
-        own = torch.arange(len(ways))[ours]
+        scores = (-distances).masked_fill(same, -1e4)
+        own = torch.arange(ways)[ours]
         loss = functional.cross_entropy(scores, own)
         right = scores.argmax(dim=1) == own
         with torch.no_grad():
-            mine = torch.eye(len(ways), dtype=torch.bool)[ours]
+            mine = torch.eye(ways, dtype=torch.bool)[ours]
             rivals = scores.masked_fill(mine, -1e4).softmax(dim=1)
-            rivals = (0.7 * rivals + 0.3 / (len(ways) - 1)) * ~(mine | same)
+            rivals = (0.7 * rivals + 0.3 / (ways - 1)) * ~(mine | same)
             sure = 0.8 * right + 0.2
         yes = (functional.softplus(-logits.diagonal(ours.start)) * sure).mean()
         no = (functional.softplus(logits) * rivals).sum(dim=1).mean()
         loss = loss + recipe.sigma * (yes + no)
-        part = len(own) / len(ways)
+        part = len(own) / ways
         return StepResult(loss * part, float(right.float().mean()) * part)
 
     def _compare(

@@ -23,12 +23,8 @@ class Recipe:
             as a half cosine.
         weight_decay: of matrices.
         sigma: weight of the discriminator's loss.
-        average: share of the old in the running average of the weights that is kept; 0 keeps
-            the weights themselves.
         augmented: one task of many ways a step, see `tasks` and `objectives.ManyWays`; else the
             paper's episodes of recorded clips. The rest belongs to it:
-        temperature: a factor on -T, learned; else 1.
-        made_classes: ways that nobody recorded: limbs of one class on another, mirrored, reversed.
         disturbed: clips go through `augment`.
         estimated: share of clips that also go through `estimator`, as if found in video.
         validate_every: steps between looks at the validation classes.
@@ -42,10 +38,7 @@ class Recipe:
     rate: float = 1e-3
     weight_decay: float = 0.01
     sigma: float = 1.0
-    average: float = 0.0
     augmented: bool = False
-    temperature: bool = False
-    made_classes: bool = False
     disturbed: bool = False
     estimated: float = 0.0
     validate_every: int = 250
@@ -67,7 +60,6 @@ RECIPES = {
                 body_features=True,
                 convolutions=2,
                 both_ways=True,
-                near_pairs=True,
                 warp_width=16,
                 neighbours=20,
                 mirrored=1.5,
@@ -75,10 +67,7 @@ RECIPES = {
             steps=6000,
             ways=20,
             weight_decay=0.05,
-            average=0.99,
             augmented=True,
-            temperature=True,
-            made_classes=True,
             disturbed=True,
             estimated=0.8,
             validate_every=500,

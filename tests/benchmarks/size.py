@@ -179,7 +179,7 @@ def recall(paths: list[Path], queries: int) -> None:
     ranks: dict[tuple[int, bool], list[int]] = {}
     for one in asked:
         query = clips[one : one + 1]
-        promise = compare.promise(params, config, compare.warp(config, query, actions))[0]
+        promise = compare.promise(params, config, compare.warp(params, config, query, actions))[0]
         # Never the query itself or its mirror image.
         others = np.arange(len(everything)) % len(clips) != one
         for own, allowed in ((True, others), (False, others & (names != names[one]))):

@@ -43,7 +43,6 @@ def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
 def test_default_weights_hold_all_that_inference_needs(world: TrainingSet, tmp_path: Path) -> None:
     weights = read_weights(run(world, tmp_path / "w.safetensors", MANY_WAYS))
     recognizer = Recognizer(weights)
-    assert "log_temperature" not in weights.tensors
     assert len(recognizer.cohort) == weights.tensors["cohort"].shape[0] > 10
     again = [clip for clip, label in zip(world.clips, world.labels, strict=True) if label < 3]
     support = {str(action): [again[6 * action]] for action in range(3)}

@@ -28,13 +28,13 @@ def changed(model: dict[str, Any], preparation: dict[str, Any], training: dict[s
     [
         ({}, {}, {}),
         ({"both_ways": False}, {}, {}),
-        ({"near_pairs": False}, {}, {}),
+        ({"near_pairs": True}, {}, {}),
         ({"convolutions": 0}, {}, {}),
         ({"distance": "squared"}, {}, {}),
         ({"body_features": False}, {"size": "torso"}, {}),
         ({}, {"frames": 16, "motion": 0.0}, {}),
         ({}, {"heading": False}, {}),
-        ({}, {}, {"temperature": False, "made_classes": False, "disturbed": False}),
+        ({}, {}, {"disturbed": False}),
     ],
     ids=lambda changes: ",".join(changes) or "-",
 )
@@ -46,7 +46,7 @@ def test_a_step_reaches_every_parameter(
 ) -> None:
     recipe = changed(model, preparation, training)
     aim = objective(recipe, world)
-    params = _new_state(recipe.config, aim.extra_parameters(), 0).params
+    params = _new_state(recipe.config, 0).params
     result = aim.loss(params, np.random.default_rng(0))
     result.loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
     assert torch.isfinite(result.loss)
