@@ -129,6 +129,20 @@ def test_queries_are_answered_as_classify_answers_them(
     ] + [told(other, support, negatives) for other in folders["jumping_jack"]]
     np.testing.assert_allclose(trials.unknown["negatives"].score, asked, rtol=1e-4, atol=1e-6)
     assert len(trials.unknown["cohort"]) == len(recognizer.cohort)
+    # Negatives, other clips and the cohort's are a motion each.
+    unknown = trials.all_unknown()
+    assert unknown.motions == len(support) + len(asked) + len(recognizer.cohort)
+    assert len(unknown) == len(unknown.nearest) == len(unknown.motion)
+
+
+def test_as_near_to_a_negative_as_to_the_action_is_no_rejection(
+    recognizer: Recognizer, folders: Mapping[str, FloatArray]
+) -> None:
+    squat, query = folders["squat"][:1], folders["bow"][:1]
+    trials = run_trials(recognizer, {"squat": squat}, squat, query)
+    told = recognizer.classify(query[0], {"squat": squat}, 0, squat)
+    assert told.accepted
+    assert trials.unknown["negatives"].score[1] == pytest.approx(told.confidence, rel=1e-4)
 
 
 def test_one_example_an_action_tells_false_accepts_only(
@@ -190,6 +204,19 @@ def test_the_recommended_tau_is_the_smallest_that_keeps_the_rate(
         assert (trials.false_accepts(found.tau - 0.0011).count + 1) / (n + 1) > target - 1e-6
 
 
+def test_as_many_are_accepted_as_the_rate_allows() -> None:
+    # Of 19 motions one, for (1 + 1) / (19 + 1) is 0.1.
+    assert recommend(trials_of([(n / 20, 0) for n in range(1, 20)]), 0.1).tau == 0.9
+    assert recommend(trials_of([(0.4, 0)]), 0.5).tau == 0.4
+
+
+def test_a_rounded_threshold_still_keeps_out_what_it_must() -> None:
+    for step in range(1, 999):
+        score = math.nextafter(step / 1000, 1)
+        found = recommend(trials_of([(score, 0)] * 20), 0.05)
+        assert found.tau == (step + 1) / 1000
+
+
 def test_the_next_motion_is_accepted_as_rarely_as_wanted() -> None:
     rng = np.random.default_rng(0)
     accepted = []
@@ -232,6 +259,8 @@ def test_a_large_cohort_does_not_outvote_what_the_user_showed() -> None:
     # All together: 20 of 520 above 0.1, within 5 %; of the negatives: all.
     found = recommend(trials_of([], negatives=[(0.8, 1)] * 20, cohort=cohort), 0.05)
     assert found.tau == 0.8
+    enough = recommend(trials_of([], negatives=[(0.8, 1)] * 19, cohort=cohort), 0.05)
+    assert (enough.tau, enough.notes[1:]) == (0.8, ())
     few = recommend(trials_of([], negatives=[(0.8, 1)] * 10, cohort=cohort), 0.05)
     assert few.tau == 0.1
     assert any("`negatives`" in note and "10 of 19" in note for note in few.notes)
@@ -265,6 +294,16 @@ def test_actions_get_thresholds_of_their_own_where_clips_suffice() -> None:
     assert trials.false_rejects(0.7) == Rate(2, 3, 3)
     assert trials.false_rejects(0.7, action=1) == Rate(1, 2, 2)
     assert trials.false_accepts(0.2, action=1) == Rate(10, 10, 10)
+    assert trials.false_accepts([0.9, 0.6], action=1) == Rate(10, 10, 10)
+
+
+def test_an_action_with_full_confidence_in_strangers_gets_no_threshold_of_its_own() -> None:
+    asked = [(0.1, 0)] * 400 + [(0.9, 1)] * 19
+    found = recommend(trials_of(asked), 0.05, per_action=True)
+    assert (found.tau, found.actions) == (0.1, {"a": 0.1, "b": 0.9})
+    assert not any("threshold of their own" in note for note in found.notes)
+    certain = recommend(trials_of([*asked[:400], *[(1.0, 1)] * 19]), 0.05, per_action=True)
+    assert (certain.tau, certain.actions) == (0.1, {"a": 0.1})
 
 
 def test_a_shadowed_query_is_accepted_by_no_threshold() -> None:
