@@ -64,13 +64,13 @@ def joined_ray(address: str | None = None) -> Iterator[None]:
     Raises:
         UsageError: there is no such cluster, or Ray does not start.
     """
-    os.environ |= _QUIET
     if address is not None:
         _look_for(address)
+        os.environ |= _QUIET
         with _connected({"address": address}):
             yield
         return
-    os.environ |= {**_PRIVATE, "RAY_AUTH_TOKEN": secrets.token_hex(32)}
+    os.environ |= {**_QUIET, **_PRIVATE, "RAY_AUTH_TOKEN": secrets.token_hex(32)}
     with (
         _private_folder() as folder,
         _connected(

@@ -92,10 +92,8 @@ def test_the_columns_are_the_documented_ones(invoke: Invoke) -> None:
 @pytest.mark.usefixtures("filled")
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "no.such.host.invalid:6379"])
 def test_where_no_cluster_is_it_is_told_at_once(
-    address: str, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+    address: str, tmp_path: Path, invoke: Invoke
 ) -> None:
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    monkeypatch.setenv("RAY_BACKEND_LOG_LEVEL", "fatal")
     output = tmp_path / "out.parquet"
     result = invoke("batch", EXAMPLES / "squat", output, "--ray", address)
     assert result.exit_code == 2
