@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+# Of what `embed` computes with the same weights; kept beside their checksum. 2: the radius is that
+# of the view that is asked.
+REVISION = 2
+
 # No one should wait long for the right to keep what can be computed again.
 _PATIENCE = 2.0
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
 from actioncli.store.cache import (
+    REVISION,
     damaged_embeddings,
     keep_embeddings,
     read_embeddings,
@@ -211,10 +212,11 @@ class SupportStore:
         """
         import numpy as np
 
+        weights = f"{weights_checksum} {REVISION}"
         with reading(self.path) as db:
             if db is None:
                 return {}
-            labels, found = read_embeddings(db, weights_checksum, negative)
+            labels, found = read_embeddings(db, weights, negative)
         missing = [example for example in labels if example not in found]
         for start in range(0, len(missing), _AT_ONCE):
             with reading(self.path) as db:
@@ -229,7 +231,7 @@ class SupportStore:
                 example: np.asarray(embed([record.clip()])[0], "<f4")
                 for example, record in records.items()
             }
-            keep_embeddings(self.path, weights_checksum, negative, labels, fresh)
+            keep_embeddings(self.path, weights, negative, labels, fresh)
             found |= fresh
         by_label: dict[str, list[int]] = {}
         for example, label in labels.items():

@@ -12,6 +12,7 @@ import pytest
 from storing import as_ordinary_user, give_away, make_clip
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.store.cache import REVISION
 from actioncli.store.store import SupportStore
 
 
@@ -68,7 +69,7 @@ def test_other_weights_take_the_place_of_the_old(store: SupportStore) -> None:
     old = store.embeddings("old", Embedder())
     new = store.embeddings("new", Embedder(2))
     np.testing.assert_array_equal(new["wave"], old["wave"] * 2)
-    assert {row[1] for row in rows(store)} == {"new"}
+    assert {row[1] for row in rows(store)} == {f"new {REVISION}"}
 
 
 def test_what_is_removed_is_forgotten_and_its_number_not_reused(store: SupportStore) -> None:
