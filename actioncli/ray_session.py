@@ -56,7 +56,8 @@ def joined_ray(address: str | None = None) -> Iterator[None]:
 
     The latter listen on the loopback interface alone, to who has a token that no other user
     knows, and keep their files in a folder of their own. They and their files are gone at the
-    end, even if this process is killed. To be called before Ray is imported.
+    end, even if this process is killed; then two of Ray's agents, which do no work, take up to a
+    minute to notice. To be called before Ray is imported.
 
     Args:
         address: of a cluster that this machine belongs to, HOST:PORT or `auto`.

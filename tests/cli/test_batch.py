@@ -299,7 +299,7 @@ def test_what_a_killed_and_an_interrupted_run_leave_ends_like_one_run(
                 os.killpg(process.pid, end)
         _, errors = process.communicate(timeout=PATIENCE)
         assert process.returncode == {signal.SIGKILL: -9, signal.SIGINT: 130, None: 3}[end], errors
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 120
         while len(processes(place)) > len(others) and time.monotonic() < deadline:
             time.sleep(0.2)
         assert set(processes(place)) <= set(others)
