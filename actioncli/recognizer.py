@@ -86,9 +86,7 @@ class Decision:
     @property
     def shadowed(self) -> bool:
         """Whether a negative is nearer than the nearest action, which rejects at any tau."""
-        return (
-            self.nearest_negative is not None and self.nearest_negative < self.ranking[0].distance
-        )
+        return _is_nearer(self.nearest_negative, self.ranking[0])
 
 
 class Recognizer:
@@ -145,19 +143,21 @@ class Recognizer:
         if not support:
             raise SupportError("the support set is empty; enrol an action first.")
         query = queries if isinstance(queries, np.ndarray) else self._embed(queries, queries=True)
-        examples = [self._embedded(clips) for clips in support.values()]
-        for label, embedding in zip(support, examples, strict=True):
+        examples = {label: self._embedded(clips) for label, clips in support.items()}
+        for label, embedding in examples.items():
             if not len(embedding):
                 raise SupportError(f"the action {label!r} has no examples.")
         config = self.weights.config
-        distance, logit = compare.scores(self.weights.tensors, config, query, examples)
+        distance, logit = compare.scores(
+            self.weights.tensors, config, query, list(examples.values())
+        )
         # Finite weights may be so large that sums of them are not.
         if np.isnan(distance).any() or np.isnan(logit).any():
             raise WeightsError(
                 f"{self.weights.path}: gives scores that are no numbers; train again."
             )
         return Comparison(
-            labels=np.array(list(support), dtype=np.str_),
+            labels=np.array(list(support)),
             distance=distance,
             confidence=compare.sigmoid(logit),
             probability=compare.softmax(logit if config.warp_width else -distance),
@@ -248,10 +248,10 @@ class Recognizer:
         negatives: FloatArray | None,
     ) -> Decision:
         """What the comparison of one clip, in its first row, and of its windows shows."""
-        odds = odds_factor(max(len(parts) - 1, 1))
+        odds = odds_factor(len(parts) - 1)
         comparison = self._less_likely(comparison, odds)
         row, negative = self._surest(query, comparison, negatives, odds, tau)
-        order = np.argsort(comparison.distance[row], kind="stable")
+        order = np.lexsort((comparison.distance[row],))  # stable
         measured = (comparison.distance, comparison.probability, comparison.confidence)
         columns = [values[row, order].tolist() for values in measured]
         ranking = tuple(map(Ranked, comparison.labels[order].tolist(), *columns))
@@ -263,7 +263,7 @@ class Recognizer:
                 f"matched {part[0]:.1f} s to {part[1]:.1f} s, the surest of "
                 f"{len(parts) - 1} windows",
             )
-        shadowed = negative is not None and negative < nearest.distance
+        shadowed = _is_nearer(negative, nearest)
         if shadowed:
             notes += (
                 f"nearer to a negative (distance {negative:.2f}) than to {nearest.label!r} "
@@ -301,21 +301,21 @@ class Recognizer:
     ) -> tuple[int, float | None]:
         """The row that decides, and its distance to the nearest negative, if there are any."""
         nearest = comparison.distance.argmin(axis=1)
-        confidence = np.take_along_axis(comparison.confidence, nearest[:, None], axis=1)[:, 0]
-        order = np.argsort(-confidence, kind="stable").tolist()
+        confidence = comparison.confidence[np.arange(len(nearest)), nearest]
+        order = np.lexsort((-confidence,)).tolist()  # stable
         if negatives is None:
             return order[0], None
         kept = {str(n): negatives[n : n + 1] for n in range(len(negatives))}
 
         def like_negative(row: int) -> tuple[bool, float, float]:
             """Whether a negative is nearest, its distance and confidence."""
-            apart = self.compare(query[row : row + 1], kept)
+            apart = self.compare(query[[row]], kept)
             nearest = int(apart.distance[0].argmin())
-            away = float(apart.distance[0, nearest])
+            away = apart.distance[0, nearest]
             if row and self.weights.config.warp_width:
-                away *= odds
-            shadowed = away < float(comparison.distance[row].min())
-            return shadowed, away, float(apart.confidence[0, nearest])
+                away *= np.float32(odds)  # rounded like the distances that it is compared with
+            shadowed = bool(away < comparison.distance[row].min())
+            return shadowed, float(away), float(apart.confidence[0, nearest])
 
         # A clip that shows a negative is rejected as a whole; a window like one is left out.
         whole = like_negative(0)
@@ -323,13 +323,19 @@ class Recognizer:
         if shadowed and confidence_of_whole > tau:
             return 0, away
         for row in order:
-            shadowed, away, _ = like_negative(row) if row else whole
+            shadowed, away, _ = whole
+            if row:
+                shadowed, away, _ = like_negative(row)
             if not shadowed:
                 return row, away
         return 0, whole[1]
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else self.embed(clips)
+
+
+def _is_nearer(negative: float | None, action: Ranked) -> bool:
+    return negative is not None and negative < action.distance
 
 
 def _durations(support: Mapping[str, Sequence[Clip] | FloatArray]) -> list[float]:

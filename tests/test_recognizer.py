@@ -440,3 +440,12 @@ def test_windows_like_a_negative_are_left_out() -> None:
     whole = OnALine().classify(LONG, support, 0.4, negative, LASTING)
     assert (whole.accepted, whole.shadowed, whole.part) == (False, True, (2.0, 14.0))
     assert whole.nearest_negative == pytest.approx(8 - middle(first))
+
+
+@pytest.mark.parametrize("away", [0.1, 0.3, 0.7, 1.1, 1.3])
+def test_windows_as_near_to_a_negative_as_to_the_action_are_kept(away: float) -> None:
+    first = PARTS[0]
+    place = at(middle(first) - away)
+    decision = OnALine().classify(LONG, {"early": place}, 0.1, place, LASTING)
+    assert (decision.label, decision.part) == ("early", time_of(first))
+    assert decision.nearest_negative == decision.ranking[0].distance
