@@ -40,9 +40,9 @@ from actioncli.training.recipes import RECIPES
 from actioncli.training.validation import Validation
 
 EPISODES, WAYS, CLIPS = 60, 5, 2
-# Weights of -log T and of the discriminator's logit, chosen by OSCR, which is flat around them (model
-# card). A regression sees only the nearest actions, of which the warping cost tells more, and
-# would let T count against them.
+# Weights of -log T and of the discriminator's logit, chosen by OSCR, which is flat around them, see
+# the model card. A regression sees only the nearest actions, of which the warping cost tells more,
+# and would let T count against them.
 T, DISCRIMINATOR = 0.75, 0.2
 # Weights by which the nearest action is found while the others are fitted.
 START = np.array([T, 4.3, 5.0, DISCRIMINATOR])
