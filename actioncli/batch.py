@@ -8,7 +8,7 @@ worker that dies is replaced and its block done again. Needs the extra `ray`.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -111,7 +111,7 @@ def _failed(source: str, kind: str, message: str) -> Row:
     return {"source": source, "error_type": kind, "error": " ".join(message.split())}
 
 
-def decide(task: Task, results: Results) -> Iterator[Row]:
+def decide(task: Task, results: Results) -> Generator[Row, None, None]:
     """Classify the files whose rows are missing, on the Ray that is joined; see `ray_session`.
 
     The files of a block whose workers keep dying are done one by one, and a file whose workers

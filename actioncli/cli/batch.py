@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import closing
 from hashlib import sha256
 from importlib.util import find_spec
 from itertools import chain
@@ -176,8 +177,8 @@ def _decide(settings: Settings, task: Task, address: str | None, results: Result
 
     count = results.count()
     left = count["files"] - count["done"]
-    with joined_ray(address):
-        rows = decide(task, results)
+    # The pipeline ends before Ray does, also at Ctrl-C.
+    with joined_ray(address), closing(decide(task, results)) as rows:
         for row in progress(rows, "Classifying", total=left, shown=not settings.quiet):
             results.add(row)
             if row.get("error") is not None:
