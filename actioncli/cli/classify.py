@@ -127,9 +127,9 @@ def classify(
       clips[].ranking[]: label, distance, probability, confidence
       clips[].error: type, message, exit_code
     """
-    # Matrices are small here: a second thread costs more than it gains, and many files are shared
-    # by processes. Read when numpy is imported.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Many files are shared by processes, which threads of their own would only disturb, and single
+    # matrices are small. Read when numpy is imported.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from actioncli.recognizer import Recognizer
 
     if tau is not None:
