@@ -50,6 +50,18 @@ def opened(source: str | int, backend: int) -> cv2.VideoCapture:
         logging.setLogLevel(level)
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Let OpenCV cut pictures out on one thread: others would spin while they wait for more, and
+    take the cores from the networks."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
 class VideoFile:
     """A video to read once, from the beginning.
 
@@ -143,10 +155,11 @@ class VideoFile:
         thread = threading.Thread(target=decode, name="decode", daemon=True)
         thread.start()
         try:
-            while (item := frames.get()) is not None:
-                if isinstance(item, BaseException):
-                    raise item
-                yield item
+            with one_thread():
+                while (item := frames.get()) is not None:
+                    if isinstance(item, BaseException):
+                        raise item
+                    yield item
         finally:
             stop.set()
             thread.join()

@@ -12,7 +12,7 @@ import numpy as np
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError
 from actioncli.pose.detector import PersonDetector
-from actioncli.pose.frames import Frame, VideoFile, opened
+from actioncli.pose.frames import Frame, VideoFile, one_thread, opened
 from actioncli.pose.landmarks import LANDMARK_COUNT, Body, LandmarkEstimator
 from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.tracker import Tracker
@@ -82,16 +82,17 @@ class LiveSource:
         Raises:
             ClipError: nothing has come for five seconds.
         """
-        while True:
-            with self._changed:
-                came = self._changed.wait_for(lambda: self._newest or self._ended, _PATIENCE)
-                frame, self._newest = self._newest, None
-            if frame is not None:
-                yield frame
-            elif self._ended:
-                return
-            elif not came:
-                raise ClipError(f"{self._name}: no picture for {_PATIENCE:g} s.")
+        with one_thread():
+            while True:
+                with self._changed:
+                    came = self._changed.wait_for(lambda: self._newest or self._ended, _PATIENCE)
+                    frame, self._newest = self._newest, None
+                if frame is not None:
+                    yield frame
+                elif self._ended:
+                    return
+                elif not came:
+                    raise ClipError(f"{self._name}: no picture for {_PATIENCE:g} s.")
 
     def close(self) -> None:
         """Release the camera; a stream that has stalled is left behind."""

@@ -62,6 +62,20 @@ def test_reading_can_stop_early(tmp_path: Path) -> None:
     frames.close()  # ends the decoding thread, or the test would hang
 
 
+def test_opencv_has_its_threads_back_afterwards(tmp_path: Path) -> None:
+    video = VideoFile(write_video(tmp_path / "a.mp4", numbered(30), 25))
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        frames = video.frames()
+        next(frames)
+        assert cv2.getNumThreads() == 1
+        frames.close()
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(before)
+
+
 def test_rotation_of_phones(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mp4", numbered(5))
     rotate_in_header(path)
