@@ -18,6 +18,7 @@ from actioncli.cli.common import (
     FpsOption,
     LayoutOption,
     Settings,
+    TauOption,
     UnitOption,
     UpOption,
     WeightsOption,
@@ -54,15 +55,7 @@ def batch(
     output: Annotated[
         Path, typer.Argument(metavar="OUTPUT.parquet", help="Where the decisions go.")
     ],
-    tau: Annotated[
-        float | None,
-        typer.Option(
-            metavar="0..1",
-            help="Accept where the confidence is above it.  [default: the calibrated one, "
-            "else 0.5]",
-            show_default=False,
-        ),
-    ] = None,
+    tau: TauOption = None,
     ray: Annotated[
         str | None,
         typer.Option(

@@ -18,6 +18,7 @@ from actioncli.cli.common import (
     LayoutOption,
     Reading,
     Settings,
+    TauOption,
     UnitOption,
     UpOption,
     WeightsOption,
@@ -62,15 +63,7 @@ _BATCH = 32
 def classify(
     settings: Settings,
     clips: ClipArguments,
-    tau: Annotated[
-        float | None,
-        typer.Option(
-            metavar="0..1",
-            help="Accept where the confidence is above it.  [default: the calibrated one, "
-            "else 0.5]",
-            show_default=False,
-        ),
-    ] = None,
+    tau: TauOption = None,
     top: Annotated[int, typer.Option(metavar="N", min=0, help="Length of the ranking.")] = 5,
     weights: WeightsOption = None,
     layout: LayoutOption = None,

@@ -176,6 +176,14 @@ UpOption = Annotated[
 FpsOption = Annotated[
     float | None, typer.Option(metavar="RATE", help="Frames per second of the files.")
 ]
+TauOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="0..1",
+        help="Accept where the confidence is above it.  [default: the calibrated one, else 0.5]",
+        show_default=False,
+    ),
+]
 WeightsOption = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Weights to use instead of those that came along."),

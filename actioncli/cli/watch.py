@@ -19,6 +19,7 @@ import typer
 
 from actioncli.cli.common import (
     Settings,
+    TauOption,
     WeightsOption,
     command,
     stored_negatives,
@@ -43,15 +44,7 @@ _LAST_SECONDS = 5.0
 def watch(
     settings: Settings,
     source: Annotated[str, typer.Argument(metavar="CAMERA|VIDEO|URL", help="What to watch.")] = "0",
-    tau: Annotated[
-        float | None,
-        typer.Option(
-            metavar="0..1",
-            help="Accept where the confidence is above it.  [default: the calibrated one, "
-            "else 0.5]",
-            show_default=False,
-        ),
-    ] = None,
+    tau: TauOption = None,
     execute: Annotated[
         str | None,
         typer.Option(
