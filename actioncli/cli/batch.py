@@ -74,7 +74,7 @@ def batch(
     person: PersonOption = None,
     cache: CacheOption = True,
 ) -> None:
-    """Classify archives of clips and videos, on all cores or on a cluster.
+    """Classify archives of recordings, on all cores or a cluster.
 
     Needs the extra: pip install 'actioncli[ray]'. Decisions are those of `classify`. A file that
     cannot be used gets a row that says why, and the others are still classified.
