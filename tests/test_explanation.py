@@ -9,8 +9,8 @@ from actioncli import Clip, Recognizer, read_clip
 from actioncli.clips.layouts import LAYOUTS
 from actioncli.clips.prepare import Preparation
 from actioncli.explanation import explain
-from actioncli.model.embedding import closing_shapes
 from actioncli.model.config import ModelConfig
+from actioncli.model.embedding import closing_shapes
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights
 from actioncli.training.recipes import RECIPES
