@@ -147,10 +147,10 @@ def _parts(
                 which = np.asarray(block)[ks]
                 size = max(1, _BLOCK_PAIRS // (n * config.pairs))
                 told = []
+                # A single query meets the block as it is; nothing is copied then.
+                whole = np.array_equal(ks, np.arange(k))
                 for at in range(0, len(qs), size):
                     one = slice(at, at + size)
-                    # A single query meets the block as it is; nothing is copied then.
-                    whole = len(ks) == k
                     t, features = _attended(
                         params,
                         config,

@@ -205,19 +205,36 @@ def test_a_short_list_decides_as_the_exact_comparison(
     queries = varied[:15]
     exact = compare.scores(weights.tensors, weights.config, queries, actions)[1]
     monkeypatch.setattr(compare, "EXACT", 12)
+    in_full: list[np.ndarray] = []
+    parts = compare._parts
+    monkeypatch.setattr(
+        compare, "_parts", lambda *given: in_full.append(given[-1].copy()) or parts(*given)
+    )
     distance, logit = compare.scores(weights.tensors, weights.config, queries, actions)
     np.testing.assert_array_equal(logit.argmax(axis=1), exact.argmax(axis=1))
     np.testing.assert_allclose(
         compare.sigmoid(logit.max(axis=1)), compare.sigmoid(exact.max(axis=1)), atol=1e-5
     )
     # What was left out is told as less likely than it is, and never before what was compared.
-    left_out = ~np.isclose(logit, exact, atol=1e-4)
+    left_out = ~np.logical_or.reduce(in_full)
     assert left_out.any()
+    np.testing.assert_allclose(logit[~left_out], exact[~left_out], atol=1e-4)
     for query in range(len(queries)):
         here = left_out[query]
         assert (~here).sum() >= compare._FEWEST
         assert logit[query, here].max() <= logit[query, ~here].min() + 1e-4
     np.testing.assert_array_equal(distance.argmin(axis=1), exact.argmax(axis=1))
+
+
+def test_queries_that_need_other_actions_each(varied: FloatArray) -> None:
+    """As many pairs as actions, but not each action once."""
+    weights = Recognizer().weights
+    queries, actions = varied[:3], list(varied[15:18, None])
+    wanted = np.array([[False, True, False], [True, False, False], [False, False, True]])
+    warped = compare.warp(weights.tensors, weights.config, queries, actions)
+    some = compare._parts(weights.tensors, weights.config, queries, actions, warped, wanted)
+    every = compare.score_parts(weights.tensors, weights.config, queries, actions)
+    np.testing.assert_allclose(some[wanted], every[wanted], rtol=1e-4)
 
 
 def test_a_short_list_does_not_depend_on_the_order_of_enrolment(
