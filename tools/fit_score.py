@@ -5,7 +5,8 @@
 FOLDER holds the collections. A model is trained for each fold of tools/folds.py and asked about
 the actions that the fold holds back: of sensors that it knows, and of sensors that it does not.
 Logistic regression on the queries and their nearest actions, as many unknown queries as known
-ones, gives the weights; the bias is where as many unknown queries are accepted as known ones
+ones, gives the weights of warping cost and radii; those of T and the discriminator stand below.
+The bias is where as many unknown queries are accepted as known ones
 rejected, mean over collections. The same is told of clips as a simulated camera sees them
 (tools/monocular.py). Benchmark classes are not touched. About five minutes a model on
 one core; finished models are kept in --work.

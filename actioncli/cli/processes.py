@@ -91,7 +91,7 @@ def _work(
         for task in tasks:
             try:
                 outcome = work(task)
-            except Exception as error:  # noqa: BLE001  raised again where the results are wanted
+            except Exception as error:  # noqa: BLE001 - raised again where the results are wanted
                 out.send(error)
                 return
             out.send(outcome)

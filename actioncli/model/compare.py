@@ -124,7 +124,6 @@ def _parts(
 ) -> FloatArray:
     """`score_parts`, T and Disc only where `chosen` (Q, K) says so."""
     parts = _unattended(warped)
-    every = np.arange(len(actions))
     for start in range(0, len(queries), _BLOCK_QUERIES):
         rows = slice(start, start + _BLOCK_QUERIES)
         view = asked_view(params, config, queries[rows])
@@ -135,7 +134,7 @@ def _parts(
             wanted = (view[:, None] ^ warped.mirrored[rows]) == side
             if chosen is not None:
                 wanted &= chosen[rows]
-            for block in _blocks(config, actions, every[wanted.any(axis=0)].tolist()):
+            for block in _blocks(config, actions, np.flatnonzero(wanted.any(axis=0)).tolist()):
                 stacked = np.stack([actions[action][..., columns] for action in block])
                 k, n = stacked.shape[:2]
                 projected = stacked.reshape(k * n, *stacked.shape[2:])

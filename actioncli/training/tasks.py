@@ -61,8 +61,7 @@ class TaskSource:
         ways = min(ways, len(labels))
         chosen = rng.choice(labels, ways, replace=False, p=chances / chances.sum()).tolist()
         clips = np.array([self._clips(label, rng) for label in chosen]).T
-        bones = self._bones[clips]
-        return bones, self._lengths[clips]
+        return self._bones[clips], self._lengths[clips]
 
     def _clips(self, label: int, rng: np.random.Generator) -> list[int]:
         """Clips of different performers, if there are any."""
