@@ -55,8 +55,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 U = TypeVar("U")
 
-# Files of joints that are classified together.
-_BATCH = 32
+# Files of joints that are classified together, at most.
+_BATCH = 64
 
 
 @command
@@ -212,7 +212,9 @@ def _decided(
     from actioncli.media import is_video
 
     videos = any(map(is_video, paths))
-    size = 1 if videos else _BATCH
+    # A video's network uses all cores by itself.
+    processes = 1 if videos else cores()
+    size = 1 if videos else min(_BATCH, -(-len(paths) // processes) or 1)
     batches = [paths[at : at + size] for at in range(0, len(paths), size)]
 
     def of_batch(number: int) -> tuple[list[tuple[Clip | None, Decision] | ClipError], float]:
@@ -238,8 +240,7 @@ def _decided(
                 found.append(decision)
         return found, (time.perf_counter() - begun) * 1e3 / len(outcomes)
 
-    # A video's network uses all cores by itself.
-    results = in_processes(of_batch, len(batches), 1 if videos else cores())
+    results = in_processes(of_batch, len(batches), processes)
     with closing(results):
         for batch in progress(batches, "Classifying", shown=shown and not videos):
             outcomes, milliseconds = next(results)
