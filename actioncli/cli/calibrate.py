@@ -10,18 +10,16 @@ import typer
 from actioncli.cli.common import (
     FpsOption,
     LayoutOption,
-    Reading,
     Settings,
     UnitOption,
     UpOption,
     WeightsOption,
     command,
-    each_clip,
-    report_bad_clip,
     stored_negatives,
     tell_notes,
 )
 from actioncli.cli.output import number, plural, printable, progress, say, table, write_json
+from actioncli.cli.reading import Reading, named_clips, read_each, report_bad_clip
 from actioncli.errors import ClipError, SupportError, UsageError
 
 if TYPE_CHECKING:
@@ -195,9 +193,11 @@ def _read(
 
     embeddings = [recognizer.embed([])]
     failed = 0
-    for path in each_clip(settings, paths, "Reading") if paths else ():
+    files = named_clips(paths) if paths else []
+    for path, clip in read_each(files, reading.read, "Reading", shown=reading.shown):
         try:
-            clip = reading.read(path)
+            if isinstance(clip, ClipError):
+                raise clip
             embeddings.append(recognizer.embed([clip]))
         except ClipError as unusable:
             failed += 1

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,7 +16,6 @@ from actioncli.cli.common import (
     ClipArguments,
     FpsOption,
     LayoutOption,
-    Reading,
     Settings,
     TauOption,
     UnitOption,
@@ -24,8 +23,6 @@ from actioncli.cli.common import (
     WeightsOption,
     checked_tau,
     command,
-    each_clip,
-    report_bad_clip,
     stored_negatives,
     tell_notes,
     used_threshold,
@@ -33,6 +30,7 @@ from actioncli.cli.common import (
 from actioncli.cli.explain import check_explanation, explain_decision
 from actioncli.cli.output import error_entry, number, printable, progress, say, table, write_json
 from actioncli.cli.processes import cores, in_processes
+from actioncli.cli.reading import Reading, named_clips, or_error, report_bad_clip, sharing
 from actioncli.cli.video import (
     CacheOption,
     EndOption,
@@ -51,9 +49,6 @@ from actioncli.errors import ClipError, SupportError
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.recognizer import Decision
-
-T = TypeVar("T")
-U = TypeVar("U")
 
 # Files of joints that are classified together, at most.
 _BATCH = 64
@@ -156,10 +151,9 @@ def classify(
         found = recognizer.classify_all(clips, support, threshold.tau, negatives, durations)
         return [threshold.apply(decision) for decision in found]
 
-    paths = list(each_clip(settings, clips, "", shown=False))
     shown = not (streams or settings.quiet)
     drawn = annotate is not None or explain is not None
-    for path, outcome, milliseconds in _decided(paths, reading.read, decide, shown, drawn):
+    for path, outcome, milliseconds in _decided(named_clips(clips), reading, decide, shown, drawn):
         if isinstance(outcome, ClipError):
             failed += 1
             report_bad_clip(outcome)
@@ -195,7 +189,7 @@ def classify(
 
 def _decided(
     paths: Sequence[Path],
-    read: Callable[[Path], Clip],
+    reading: Reading,
     decide: Callable[[Sequence[Clip]], list[Decision]],
     shown: bool,
     with_clip: bool,
@@ -203,7 +197,7 @@ def _decided(
     """Read and decide, many files of joints at a time, in as many processes as there are cores.
 
     Args:
-        shown: whether to show a progress bar; a video has one of its own.
+        shown: whether to show a progress bar; a video that is read alone has one of its own.
         with_clip: whether the clips are wanted too, which are large to hand on.
 
     Returns:
@@ -212,21 +206,24 @@ def _decided(
     from actioncli.media import is_video
 
     videos = any(map(is_video, paths))
-    # A video's network uses all cores by itself.
-    processes = 1 if videos else cores()
+    processes = sharing(paths, reading.metrabs) if videos else cores()
     size = 1 if videos else min(_BATCH, -(-len(paths) // processes) or 1)
+    one_by_one = videos and processes == 1
     batches = [paths[at : at + size] for at in range(0, len(paths), size)]
 
     def of_batch(number: int) -> tuple[list[tuple[Clip | None, Decision] | ClipError], float]:
         begun = time.perf_counter()
-        outcomes = [_or_error(read, path) for path in batches[number]]
+        outcomes = [
+            or_error(lambda path: reading.read(path, shown=one_by_one), path)
+            for path in batches[number]
+        ]
         clips = [clip for clip in outcomes if not isinstance(clip, ClipError)]
         decisions: list[Decision | ClipError]
         try:
             decisions = [*decide(clips)] if clips else []
         except ClipError:
             # One of them lacks joints; the others are not to suffer for it.
-            decisions = [_or_error(lambda clip: decide([clip])[0], clip) for clip in clips]
+            decisions = [or_error(lambda clip: decide([clip])[0], clip) for clip in clips]
         decided = iter(decisions)
         found: list[tuple[Clip | None, Decision] | ClipError] = []
         for clip in outcomes:
@@ -240,19 +237,12 @@ def _decided(
                 found.append(decision)
         return found, (time.perf_counter() - begun) * 1e3 / len(outcomes)
 
-    results = in_processes(of_batch, len(batches), processes)
+    results = in_processes(of_batch, len(batches), processes, pinned=videos)
     with closing(results):
-        for batch in progress(batches, "Classifying", shown=shown and not videos):
+        for batch in progress(batches, "Classifying", shown=shown and not one_by_one):
             outcomes, milliseconds = next(results)
             for path, outcome in zip(batch, outcomes, strict=True):
                 yield path, outcome, milliseconds
-
-
-def _or_error(work: Callable[[T], U], item: T) -> U | ClipError:
-    try:
-        return work(item)
-    except ClipError as unusable:
-        return unusable
 
 
 def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> dict[str, object]:

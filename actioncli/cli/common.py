@@ -1,4 +1,4 @@
-"""What the commands share: the options that all of them take, and how clips are named and read."""
+"""What the commands share: the options that all of them take, and what they ask the store for."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ import functools
 import inspect
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
-from actioncli.cli.output import note, printable, progress
-from actioncli.errors import ActionCliError, ClipError, UsageError
+from actioncli.cli.output import note, printable
+from actioncli.errors import ActionCliError, UsageError
 
 if TYPE_CHECKING:
-    from actioncli.clips.clip import Clip, FloatArray
-    from actioncli.pose.metrabs import PoseModel
+    from actioncli.clips.clip import FloatArray
     from actioncli.recognizer import Recognizer
     from actioncli.store.store import SupportStore
     from actioncli.threshold import Threshold
@@ -188,70 +187,6 @@ WeightsOption = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Weights to use instead of those that came along."),
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """How to read files that leave something open, and videos; see `actioncli.media.read_any`."""
-
-    layout: str | None = None
-    unit: str | None = None
-    up: str | None = None
-    fps: float | None = None
-    start: float | None = None
-    end: float | None = None
-    quality: str | None = None
-    person: int | None = None
-    cache: bool = True
-    metrabs: PoseModel | None = None
-    shown: bool = False
-
-    def read(self, path: Path) -> Clip:
-        """Read one clip.
-
-        Raises:
-            ClipError: it cannot be read or is unsuitable.
-        """
-        from actioncli.cli.video import video_progress
-        from actioncli.media import is_video, read_any
-
-        with video_progress(path, shown=self.shown and is_video(path)) as progress:
-            return read_any(
-                path,
-                layout=self.layout,
-                fps=self.fps,
-                unit=self.unit,
-                up=self.up,
-                start=self.start,
-                end=self.end,
-                quality=self.quality,
-                person=self.person,
-                cache=self.cache,
-                metrabs=self.metrabs,
-                progress=progress,
-            )
-
-
-def each_clip(
-    settings: Settings, arguments: Sequence[Path], what: str, *, shown: bool = True
-) -> Iterator[Path]:
-    """The files that clip arguments name, each once, with a progress bar where it helps.
-
-    What names no file stays as it is: reading it tells what is wrong with it.
-    """
-    from actioncli.clips.read import CLIP_SUFFIXES, find_clips
-    from actioncli.media import is_video
-    from actioncli.pose import VIDEO_SUFFIXES
-
-    found = find_clips(arguments, (*CLIP_SUFFIXES, *VIDEO_SUFFIXES))
-    # A video has a progress bar of its own.
-    shown = shown and not settings.quiet and not any(map(is_video, found))
-    yield from progress(found, what, shown=shown)
-
-
-def report_bad_clip(error: ClipError) -> None:
-    """Tell that a clip is left out; what was asked for goes on with the others."""
-    note(f"error: {printable(str(error))}")
 
 
 def tell_notes(settings: Settings, path: Path, notes: Sequence[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,20 +11,25 @@ import typer
 from actioncli.cli.common import (
     FpsOption,
     LayoutOption,
-    Reading,
     Settings,
     UnitOption,
     UpOption,
     WeightsOption,
     command,
     complete_label,
-    each_clip,
-    report_bad_clip,
     stored_negatives,
     tell_notes,
     used_threshold,
 )
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
+from actioncli.cli.reading import (
+    Reading,
+    named_clips,
+    or_error,
+    read_each,
+    report_bad_clip,
+    sharing,
+)
 from actioncli.cli.video import (
     CacheOption,
     EndOption,
@@ -39,7 +45,7 @@ from actioncli.errors import ClipError, StoreError, UsageError, WeightsError
 from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from actioncli.clips.clip import Clip, FloatArray
     from actioncli.recognizer import Recognizer
@@ -117,6 +123,9 @@ def enroll(
     """
     from actioncli.store.names import check_label
 
+    # Many videos are shared by processes, which threads of their own would only disturb. Read
+    # when numpy is imported.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     paths = [Path(label), *(clips or [])] if negative else clips
     if camera is not None and paths:
         raise UsageError("--camera records the clip of a label; files are enrolled without it.")
@@ -128,17 +137,24 @@ def enroll(
     model = chosen_pose_model(pose, pose_model)
     reading = Reading(layout, unit, up, fps, start, end, network, person, cache, model, shown)
     recognizer = _recognizer(settings, weights)
+    given: Iterable[tuple[Path, Clip | ClipError]]
+    if camera is not None:
+        from actioncli.cli.camera import record
+
+        recorded = or_error(
+            lambda number: record(settings, number, seconds, checked_quality(quality)), camera
+        )
+        given = [(Path(f"camera {camera}"), recorded)]
+    else:
+        files = named_clips(paths or [])
+        processes = sharing(files, model)
+        given = read_each(files, reading.read, "Reading", shown=shown, processes=processes)
     outcomes: list[tuple[Path, Clip | ClipError]] = []
     embeddings: list[FloatArray] = []
-    recorded = [] if camera is None else [Path(f"camera {camera}")]
-    for path in recorded or each_clip(settings, paths or [], "Reading"):
+    for path, clip in given:
         try:
-            if camera is not None:
-                from actioncli.cli.camera import record
-
-                clip = record(settings, camera, seconds, checked_quality(quality))
-            else:
-                clip = reading.read(path)
+            if isinstance(clip, ClipError):
+                raise clip
             if recognizer is not None:
                 # A clip that the model cannot use would fail every later classification.
                 embeddings.append(recognizer.embed([clip])[0])

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import Settings, command, report_bad_clip, tell_notes
+from actioncli.cli.common import Settings, command, tell_notes
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
+from actioncli.cli.reading import read_each, report_bad_clip, sharing
 from actioncli.cli.video import (
     CacheOption,
     EndOption,
@@ -23,6 +24,9 @@ from actioncli.cli.video import (
     video_progress,
 )
 from actioncli.errors import ClipError, UsageError
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
 
 
 @command
@@ -81,15 +85,21 @@ def extract(
     targets = _targets(paths, output, format)
     network = checked_quality(quality)
     model = chosen_pose_model(pose, pose_model)
+
+    def read(path: Path, shown: bool) -> Clip:
+        with video_progress(path, shown=shown) as progress:
+            if model is not None:
+                return read_metrabs_clip(path, model, start, end, person, progress)
+            return read_video_clip(path, start, end, network, person, cache, progress)
+
     entries: list[dict[str, object]] = []
     failed = 0
-    for path, target in zip(paths, targets, strict=True):
+    shown, processes = not settings.quiet, sharing(paths, model)
+    clips = read_each(paths, read, "Reading", shown=shown, processes=processes)
+    for (path, clip), target in zip(clips, targets, strict=True):
         try:
-            with video_progress(path, shown=not settings.quiet) as progress:
-                if model is not None:
-                    clip = read_metrabs_clip(path, model, start, end, person, progress)
-                else:
-                    clip = read_video_clip(path, start, end, network, person, cache, progress)
+            if isinstance(clip, ClipError):
+                raise clip
             write_clip(target, clip, format or (None if target == output else "npz"))
         except ClipError as error:
             failed += 1

@@ -22,7 +22,9 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
 
 
-def in_processes(work: Callable[[int], T], tasks: int, processes: int) -> Generator[T, None, None]:
+def in_processes(
+    work: Callable[[int], T], tasks: int, processes: int, pinned: bool = False
+) -> Generator[T, None, None]:
     """What `work` gives for each number below `tasks`, in their order.
 
     Each process takes every `processes`-th task and waits when it is far ahead. They end with
@@ -31,6 +33,8 @@ def in_processes(work: Callable[[int], T], tasks: int, processes: int) -> Genera
     Args:
         work: gives what can be pickled; it is not to write where others write.
         processes: 1 works here, as it goes.
+        pinned: keep each process to one core, so that what takes a thread for each core that it
+            finds takes one.
 
     Raises:
         Exception: what `work` raised, at the first task that did.
@@ -43,13 +47,15 @@ def in_processes(work: Callable[[int], T], tasks: int, processes: int) -> Genera
     from multiprocessing import get_context
 
     context = get_context("fork")
+    on = sorted(os.sched_getaffinity(0))
     ends: list[Connection] = []
     workers = []
     try:
         for first in range(processes):
             ours, theirs = context.Pipe(duplex=False)
             mine = range(first, tasks, processes)
-            worker = context.Process(target=_work, args=(work, mine, theirs, [*ends, ours]))
+            core = {on[first % len(on)]} if pinned else set(on)
+            worker = context.Process(target=_work, args=(work, mine, theirs, [*ends, ours], core))
             worker.daemon = True
             worker.start()
             theirs.close()
@@ -57,13 +63,13 @@ def in_processes(work: Callable[[int], T], tasks: int, processes: int) -> Genera
             workers.append(worker)
         for task in range(tasks):
             try:
-                outcome: T | Exception = ends[task % processes].recv()
+                raised, outcome = ends[task % processes].recv()
             except EOFError:
                 raise ActionCliError(
                     "a process that did a part of the work was killed, perhaps for want of "
                     "memory; try again with fewer files at once."
                 ) from None
-            if isinstance(outcome, Exception):
+            if raised:
                 raise outcome
             yield outcome
     finally:
@@ -80,8 +86,10 @@ def _work(
     tasks: Sequence[int],
     out: Connection,
     inherited: list[Connection],
+    on: set[int],
 ) -> None:
-    """What a process does."""
+    """What a process does, on these cores."""
+    os.sched_setaffinity(0, on)
     # Ctrl-C reaches all of a terminal's processes: the first one ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Who holds these would not notice that the first process is gone.
@@ -92,8 +100,8 @@ def _work(
             try:
                 outcome = work(task)
             except Exception as error:  # noqa: BLE001 - raised again where the results are wanted
-                out.send(error)
+                out.send((True, error))
                 return
-            out.send(outcome)
+            out.send((False, outcome))
     except BrokenPipeError:
         return

@@ -14,7 +14,7 @@ import typer
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
-    from actioncli.cli.common import Reading
+    from actioncli.cli.reading import Reading
     from actioncli.pose.metrabs import PoseModel
     from actioncli.pose.video import Progress
     from actioncli.recognizer import Decision

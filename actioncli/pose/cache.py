@@ -8,6 +8,7 @@ import json
 import os
 import stat
 import tempfile
+import time
 import zipfile
 import zlib
 from pathlib import Path
@@ -21,6 +22,8 @@ from actioncli.pose.poses import Poses
 FORMAT = 2
 LARGEST = 256 * 2**20  # bytes; the poses of about 20 hours
 SUFFIX = ".npz"
+_UNFINISHED = ".part"
+_LONGEST_WRITING = 3600.0  # seconds
 # What numpy and zipfile make of a file with flipped bits.
 _DAMAGED = (
     OSError, ValueError, KeyError, IndexError, EOFError, MemoryError, OverflowError, RuntimeError,
@@ -81,7 +84,7 @@ def keep(key: str, poses: Poses) -> None:
             return
         folder.chmod(0o700)  # skeletons and habits are nobody else's business
         # mkstemp gives mode 0600, which the file keeps.
-        handle, part = tempfile.mkstemp(dir=folder, suffix=".part")
+        handle, part = tempfile.mkstemp(dir=folder, suffix=_UNFINISHED)
         try:
             with os.fdopen(handle, "wb") as file:
                 np.savez_compressed(
@@ -113,6 +116,10 @@ def _ours(folder: Path) -> bool:
 
 
 def _shrink(folder: Path) -> None:
+    for part in folder.glob("*" + _UNFINISHED):
+        # Who was killed could not take it away; who still writes is done long before.
+        if time.time() - part.stat().st_mtime > _LONGEST_WRITING:
+            part.unlink(missing_ok=True)
     files = [(path.stat(), path) for path in folder.glob("*" + SUFFIX)]
     files.sort(key=lambda entry: entry[0].st_mtime_ns)
     total = sum(status.st_size for status, _ in files)

@@ -53,8 +53,10 @@ class Network:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads or min(usable_cores(), MOST_THREADS)
         options.inter_op_num_threads = 1
-        # Decoding runs beside the networks: waiting threads must not burn its processor time.
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        # Threads wait for one another without sleeping while the network runs, and sleep when it
+        # has run: decoding beside it must have their cores then.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "1")
+        options.add_session_config_entry("session.force_spinning_stop", "1")
         self._session = onnxruntime.InferenceSession(
             data, options, providers=["CPUExecutionProvider"]
         )

@@ -43,6 +43,21 @@ def test_what_a_task_raises_is_raised_where_its_result_is_wanted() -> None:
         next(found)
 
 
+def test_an_error_that_is_a_result_is_not_raised() -> None:
+    found = list(in_processes(lambda task: ClipError(str(task)), 4, 2))
+    assert [str(error) for error in found] == ["0", "1", "2", "3"]
+
+
+def test_each_process_may_have_a_core_of_its_own() -> None:
+    def where(_: int) -> frozenset[int]:
+        return frozenset(os.sched_getaffinity(0))
+
+    own = list(in_processes(where, 2 * cores(), cores(), pinned=True))
+    assert {len(found) for found in own} == {1}
+    assert len(set(own)) == cores()
+    assert set(in_processes(where, 4, 2)) == {frozenset(os.sched_getaffinity(0))}
+
+
 def test_a_killed_process_is_told() -> None:
     def work(task: int) -> int:
         if task == 1:

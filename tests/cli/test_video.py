@@ -22,11 +22,12 @@ from pose.videos import streamed
 
 from actioncli import SupportStore, read_clip
 from actioncli.cli import camera
+from actioncli.cli.processes import cores
 from actioncli.pose import stream
 from actioncli.pose.active import cut
 from actioncli.pose.frames import Frame, VideoFile
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, Invoke, Run
 
 ROOT = Path(__file__).parents[2]
 
@@ -92,19 +93,33 @@ def test_extract(invoke: Invoke, waving: Path, tmp_path: Path, kind: str) -> Non
     assert clip.fps == pytest.approx(10, rel=1e-3)
 
 
-def test_extract_several(invoke: Invoke, waving: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "videos" / "other.mp4"
-    copy.parent.mkdir()
-    copy.write_bytes(waving.read_bytes())
-    broken = tmp_path / "videos" / "zero.mp4"
-    broken.write_bytes(b"no video")
-    done = invoke("extract", waving, copy.parent, "-o", tmp_path / "out", "--start", 0, "--json")
-    assert done.exit_code == 3
-    told = json.loads(done.stdout)
-    assert (told["written"], told["failed"]) == (2, 1)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"wave.npz", "other.npz"}
-    joints = [read_clip(path).joints for path in (tmp_path / "out").iterdir()]
-    np.testing.assert_array_equal(joints[0], joints[1])
+def test_many_videos_are_read_as_each_alone(run: Run, waving: Path, tmp_path: Path) -> None:
+    """They are shared by processes with one core each."""
+    folder, out = tmp_path / "videos", tmp_path / "out"
+    folder.mkdir()
+    for number in range(2 * cores()):
+        (folder / f"{number}.mp4").write_bytes(waving.read_bytes())
+    (folder / "0a.mp4").write_bytes(b"no video")
+    told = run("extract", folder, "-o", out, "--start", 0, "--json", "--no-cache")
+    assert told.returncode == 3
+    assert "0a.mp4: not a video" in told.stderr
+    found = json.loads(told.stdout)
+    assert (found["written"], found["failed"]) == (2 * cores(), 1)
+    assert [entry["source"] for entry in found["clips"]] == list(map(str, sorted(folder.iterdir())))
+    alone = tmp_path / "alone.npz"
+    run("extract", waving, "-o", alone, "--start", 0)
+    for file in out.iterdir():
+        np.testing.assert_allclose(read_clip(file).joints, read_clip(alone).joints, atol=1e-5)
+
+    enrolled = run("enroll", "wave", folder, "--start", 0, "--json")
+    assert enrolled.returncode == 3
+    # The same video is the same example.
+    assert [json.loads(enrolled.stdout)[key] for key in ("added", "known", "failed")] == [
+        1, 2 * cores() - 1, 1,
+    ]  # fmt: skip
+    classified = run("classify", folder, "--start", 0, "--json")
+    clips = json.loads(classified.stdout)["clips"]
+    assert [clip.get("nearest") for clip in clips] == ["wave", None, *["wave"] * (2 * cores() - 1)]
 
 
 @pytest.mark.parametrize(

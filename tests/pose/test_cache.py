@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,16 @@ def test_ctrl_c_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(KeyboardInterrupt):
         cache.keep("a", poses())
     assert list(cache.cache_folder().iterdir()) == []
+
+
+def test_what_a_killed_process_left_is_taken_away() -> None:
+    folder = cache.cache_folder()
+    folder.mkdir(parents=True)
+    for name, age in (("old.part", 7200), ("new.part", 60)):
+        (folder / name).touch()
+        os.utime(folder / name, (time.time() - age,) * 2)
+    cache.keep("a", poses())
+    assert {path.name for path in folder.iterdir()} == {"new.part", "a.npz"}
 
 
 def test_no_pickle_is_read() -> None:
