@@ -126,7 +126,7 @@ def _parts(
     parts = _unattended(warped)
     for start in range(0, len(queries), _BLOCK_QUERIES):
         rows = slice(start, start + _BLOCK_QUERIES)
-        view = asked_view(params, config, queries[rows])
+        view = warped.view[rows]
         asked = in_view(queries[rows], token_columns(config), view)
         query_keys, query_values = trx_os.pairs(params, config, asked)
         for side, columns in enumerate(token_columns(config)):
@@ -198,11 +198,13 @@ def _attended(
 
 class Warped(NamedTuple):
     """What the best example of each action gives, (Q, K) each: the warping cost, the geometric
-    mean of the radii, and whether its mirror image suits the query better."""
+    mean of the radii, and whether its mirror image suits the query better; and in which view (Q,)
+    the queries were asked, see `asked_view`."""
 
     cost: FloatArray
     radius: FloatArray
     mirrored: NDArray[np.bool_]
+    view: NDArray[np.intp]
 
 
 def warp(
@@ -210,15 +212,15 @@ def warp(
 ) -> Warped:
     """Warp queries (Q, F, E) to all examples of K actions and to their mirror images."""
     shape = len(queries), len(actions)
+    view = asked_view(params, config, queries)
     if not config.warp_width:
         ones = np.ones(shape, np.float32)
-        return Warped(ones, ones, np.zeros(shape, np.bool_))
+        return Warped(ones, ones, np.zeros(shape, np.bool_), view)
     # Only these columns of all examples are ever side by side.
     seen = [
         np.concatenate([action[..., columns] for action in actions])
         for columns in warp_columns(config)
     ]
-    view = asked_view(params, config, queries)
     asked = in_view(queries, warp_columns(config), view)
     # (views, Q, examples): first those as they are beside the query, then their mirror images.
     cost = np.stack([warping_cost(asked, examples) for examples in seen])
@@ -237,7 +239,7 @@ def warp(
     if config.neighbours:
         of_examples = np.concatenate([action[:, 0, -1] for action in actions])
         radius = np.sqrt(queries[:, 0, -1][:, None] * of_examples[best])
-    return Warped(least, radius, np.take_along_axis(mirrored, best, axis=1))
+    return Warped(least, radius, np.take_along_axis(mirrored, best, axis=1), view)
 
 
 def _unattended(warped: Warped) -> FloatArray:
