@@ -23,3 +23,10 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(f"needs the recorded collections in {folder}")
     return folder
+
+
+@pytest.fixture
+def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs that are started here import nothing to measure their coverage with."""
+    for name in ("COVERAGE_PROCESS_START", "COVERAGE_PROCESS_CONFIG"):
+        monkeypatch.delenv(name, raising=False)

@@ -33,7 +33,7 @@ class Network:
 
         Args:
             name: a file in the weights folder.
-            threads: at most this many; None: one for each core this process may use.
+            threads: at most this many; None: see `usable_cores`.
 
         Raises:
             WeightsError: the file is missing or damaged.
@@ -91,10 +91,14 @@ def shipped_checksum(name: str) -> str:
 
 
 def usable_cores() -> int:
-    """Processor cores this process may run on."""
+    """Processor cores this process may run on, and is to use: `OMP_NUM_THREADS` says so to all that
+    computes, and Ray sets it for its workers."""
     if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
+    told = os.environ.get("OMP_NUM_THREADS", "")
+    return min(cores, int(told)) if told.isdecimal() and int(told) else cores
 
 
 def sigmoid(logits: FloatArray) -> FloatArray:

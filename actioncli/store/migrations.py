@@ -15,6 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from actioncli.errors import StoreError
+from actioncli.store.faults import system_fault
 
 APPLICATION_ID = int.from_bytes(b"ACLI")
 # A file with less than SQLite's smallest page counts as an empty database there.
@@ -108,7 +109,8 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
     """How many migrations the database has seen; 0 for an empty one.
 
     Raises:
-        StoreError: another program's database, or one of a newer release.
+        StoreError: another program's database, or one of a newer release; or the file is out of
+            reach.
         sqlite3.DatabaseError: what is left of a database that was cut short.
     """
     (application,) = db.execute("PRAGMA application_id").fetchone()
@@ -116,7 +118,11 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
     if application == 0 and version == 0:
         (tables,) = db.execute("SELECT count(*) FROM sqlite_master").fetchone()
         if tables == 0:
-            if 0 < path.stat().st_size < _SMALLEST:
+            try:
+                size = path.stat().st_size
+            except OSError as error:
+                raise system_fault(path, error) from error
+            if 0 < size < _SMALLEST:
                 raise sqlite3.DatabaseError("the file is cut short")
             return 0
     if application != APPLICATION_ID or version < 1:

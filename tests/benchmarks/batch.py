@@ -3,7 +3,8 @@
     python tests/benchmarks/batch.py [--clips 1000] [--rounds 3]
 
 The files are as people keep poses: 90 to 130 frames of the 30 joints of MeTRAbs, compressed, as
-float32 (what MeTRAbs gives) with names and frame rate, and as float64 (what NumPy makes of them).
+float32 (what MeTRAbs gives) with names and frame rate, as float64 (what NumPy makes of them), and
+as `extract` writes them, with unit, axis and confidence.
 `classify` is the whole process, Python's start and the store included; numpy.load reads every
 array of every file, in this process, where numpy is loaded already. Rounds are interleaved.
 Two threads at most. Processor time is what an idle machine would need on one core.
@@ -22,14 +23,15 @@ from pathlib import Path
 import numpy as np
 
 import actioncli
+from actioncli.clips.write import write_clip
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 ACTIONS = ("wave_right/ada", "wave_left/ada", "squat/ada", "jumping_jack/ada", "kick_right/ada")
 LIMIT = 3.0
-KINDS = {"float32": np.float32, "float64": np.float64}
+KINDS = ("float32", "float64", "extract")
 
 
-def make(folder: Path, clips: int, dtype: type) -> list[Path]:
+def make(folder: Path, clips: int, kind: str) -> list[Path]:
     """Example clips at other speeds, with the noise of a pose estimator."""
     random = np.random.default_rng(0)
     shown = [actioncli.read_clip(path) for path in sorted(EXAMPLES.glob("*/*.npz"))]
@@ -40,11 +42,15 @@ def make(folder: Path, clips: int, dtype: type) -> list[Path]:
         before = np.minimum(at.astype(int), len(clip) - 2)
         share = (at - before)[:, None, None]
         joints = clip.joints[before] * (1 - share) + clip.joints[before + 1] * share
-        joints = 1000 * (joints + random.normal(0, 0.003, joints.shape))
+        joints = joints + random.normal(0, 0.003, joints.shape)
         paths.append(folder / f"{number:04}.npz")
+        if kind == "extract":
+            seen = random.uniform(0.5, 1, joints.shape[:2])
+            write_clip(paths[-1], actioncli.Clip(joints, clip.joint_names, 30, seen))
+            continue
         np.savez_compressed(
             paths[-1],
-            poses3d=joints.astype(dtype),
+            poses3d=(1000 * joints).astype(kind),
             joint_names=np.array(clip.joint_names),
             fps=np.float64(30),
         )
@@ -73,10 +79,10 @@ def main() -> None:
             )
         command = [sys.executable, "-m", "actioncli", "--store", str(store), "classify", "--json"]
         environment = {**os.environ, "OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
-        for kind, dtype in KINDS.items():
+        for kind in KINDS:
             folder = Path(name) / kind
             folder.mkdir()
-            paths = make(folder, given.clips, dtype)
+            paths = make(folder, given.clips, kind)
 
             def load(paths: list[Path] = paths) -> None:
                 for path in paths:

@@ -190,6 +190,7 @@ def _copy(folder: Path) -> Path:
 _HEAVY = "torch onnxruntime cv2 scipy pydantic rich"
 
 
+@pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize(
     ("words", "heavy"),
     [
@@ -214,6 +215,7 @@ def test_commands_import_nothing_heavy(filled: SupportStore, words: list[str], h
     assert not imported & set(heavy.split())
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_import_of_the_package_imports_no_numpy() -> None:
     script = "import sys, actioncli; print(sorted(m for m in sys.modules if not m.startswith('_')))"
     done = subprocess.run(

@@ -247,6 +247,7 @@ def test_a_file_with_a_pattern_in_its_name(tmp_path: Path) -> None:
     assert find_clips([file]) == [file]
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_reading_an_array_imports_no_other_reader(tmp_path: Path) -> None:
     file = write_npy(tmp_path / "a.npy", waving(joints=LAYOUTS["smpl_24"]))
     program = (

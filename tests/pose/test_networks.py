@@ -58,3 +58,14 @@ def test_damage_is_told(copied: Path, damage: Callable[[Path], object], message:
     with pytest.raises(WeightsError, match=message) as told:
         networks.Network(networks.DETECTOR)
     assert "Reinstall" in str(told.value)
+
+
+def test_threads_are_as_many_as_cores_or_as_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    for told in ("", "0", "many", "-1", "1000"):
+        monkeypatch.setenv("OMP_NUM_THREADS", told)
+        there = networks.usable_cores()
+        assert there >= 1
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    assert networks.usable_cores() == there
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    assert networks.usable_cores() == 1

@@ -111,3 +111,11 @@ def test_a_migration_that_fails_changes_nothing(
 
 def test_names_of_migrations_are_unique() -> None:
     assert len({migration.name for migration in MIGRATIONS}) == len(MIGRATIONS)
+
+
+def test_a_file_that_goes_out_of_reach_is_told(tmp_path: Path) -> None:
+    """As when somebody takes the rights on its folder away after it was opened."""
+    gone = tmp_path / "no folder" / "support.db"
+    with closing(sqlite3.connect(":memory:")) as db, pytest.raises(StoreError) as told:
+        migrations.schema_version(db, gone)
+    assert str(gone) in str(told.value)

@@ -235,6 +235,7 @@ def test_columns_of_another_kind_are_damage(
     assert store.check() == []
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_listing_imports_nothing_heavy(store: SupportStore) -> None:
     store.enroll("wave", make_clip(0))
     listing = subprocess.run(
