@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -123,9 +122,6 @@ def enroll(
     """
     from actioncli.store.names import check_label
 
-    # Many videos are shared by processes, which threads of their own would only disturb. Read
-    # when numpy is imported.
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     paths = [Path(label), *(clips or [])] if negative else clips
     if camera is not None and paths:
         raise UsageError("--camera records the clip of a label; files are enrolled without it.")
