@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 U = TypeVar("U")
 
+# Videos that are read at the same time: one in 4K takes up to half a gigabyte.
+_MOST_VIDEOS = 8
+
 
 @dataclass(frozen=True, slots=True)
 class Reading:
@@ -86,7 +89,8 @@ def sharing(paths: Sequence[Path], model: PoseModel | None = None) -> int:
     from actioncli.media import is_video
 
     videos = sum(map(is_video, paths))
-    return cores() if videos >= cores() and model is None else 1
+    together = min(cores(), _MOST_VIDEOS)
+    return together if videos >= together and model is None else 1
 
 
 def read_each(

@@ -24,7 +24,7 @@ import numpy as np
 from actioncli.clips.clip import Clip
 from actioncli.clips.collection import read_collection
 from actioncli.clips.read import read_clip
-from actioncli.errors import AmbiguousClipError
+from actioncli.errors import AmbiguousClipError, StoreError
 from actioncli.evaluation.splits import read_splits
 from actioncli.model import weights
 from actioncli.store import archive
@@ -76,6 +76,23 @@ def _archive(file: Path) -> object:
     finally:
         if home.exists():
             shutil.rmtree(home)
+
+
+def _store(file: Path) -> object:
+    """Read a support set; what repair makes of a damaged one must be whole."""
+    store = SupportStore(file)
+    try:
+        kept = kept_threshold(store)
+        return [kept, store.actions(), store.examples(), store.support(), store.negatives()]
+    except StoreError:
+        if store.repair() is not None:
+            assert store.damage() == []
+            store.support()
+        raise
+    finally:
+        # Journals, and the damaged file that was kept.
+        for beside in file.parent.glob(f"{file.name}?*"):
+            beside.unlink()
 
 
 def _splits(file: Path) -> object:
@@ -210,6 +227,7 @@ READERS: Mapping[str, Reader] = {
     "weights": Reader(".safetensors", _weights, _unpack_weights, _pack_weights, _with_zeros),
     "archive": Reader(".safetensors", _archive, _unpack_archive, _pack_archive),
     "splits": Reader(".json", _splits),
+    "store": Reader(".db", _store),
 }
 
 

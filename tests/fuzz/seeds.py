@@ -6,9 +6,11 @@ What fuzzing found since lies beside them under names that say what it was, and 
 from __future__ import annotations
 
 import json
+import sqlite3
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from math import prod
 from pathlib import Path
 
@@ -76,6 +78,12 @@ def main() -> None:
         keep_threshold(store, Threshold(0.4, "a" * 64, {"wave": 0.3}))
         store.export(Path(folder, "export"))
         (CORPUS / "archive/seed-threshold").write_bytes(Path(folder, "export").read_bytes())
+        store.embeddings("a" * 64, lambda clips: np.ones((len(clips), 1, 2), np.float32))
+        with closing(sqlite3.connect(store.path)) as database:
+            # Small pages make a small file.
+            database.execute("PRAGMA page_size = 512")
+            database.execute("VACUUM")
+        (CORPUS / "store/seed").write_bytes(store.path.read_bytes())
     (CORPUS / "weights/seed").write_bytes(_weights())
     splits = {"a": {"train": ["x"], "benchmark": ["y"]}, "b": {"excluded": ["z", "w"]}}
     (CORPUS / "splits/seed").write_text(json.dumps(splits))

@@ -1,0 +1,59 @@
+"""How many clips are read at the same time, and what comes of each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli import Clip, ClipError
+from actioncli.cli import reading
+from actioncli.cli.reading import read_each, sharing
+
+CLIP = Clip(np.arange(18).reshape(2, 3, 3), ["a", "b", "c"])
+
+
+def paths(videos: int, others: int = 0) -> list[Path]:
+    return [Path(f"{n}.mp4") for n in range(videos)] + [Path(f"{n}.npz") for n in range(others)]
+
+
+@pytest.mark.parametrize(
+    ("cores", "videos", "processes"),
+    [(1, 5, 1), (2, 1, 1), (2, 2, 2), (4, 3, 1), (4, 40, 4), (32, 7, 1), (32, 8, 8), (32, 99, 8)],
+)
+def test_videos_are_shared_where_there_are_enough(
+    monkeypatch: pytest.MonkeyPatch, cores: int, videos: int, processes: int
+) -> None:
+    monkeypatch.setattr(reading, "cores", lambda: cores)
+    assert sharing(paths(videos)) == processes
+    assert sharing(paths(videos, others=100)) == processes
+    # Its threads would be lost in another process.
+    assert sharing(paths(videos), model=object()) == 1  # type: ignore[arg-type]
+    assert sharing(paths(0, others=100)) == 1
+
+
+def test_each_clip_comes_with_what_was_read_or_what_is_wrong() -> None:
+    def read(path: Path, shown: bool) -> Clip:
+        if path.stem == "1":
+            raise ClipError(f"{path}: broken")
+        assert shown
+        return CLIP
+
+    found = list(read_each(paths(3), read, "Reading", shown=True))
+    assert [path.name for path, _ in found] == ["0.mp4", "1.mp4", "2.mp4"]
+    assert found[0][1] is found[2][1] is CLIP
+    assert str(found[1][1]) == "1.mp4: broken"
+
+
+def test_nothing_is_read_before_it_is_wanted() -> None:
+    asked = []
+
+    def read(path: Path, shown: bool) -> Clip:
+        asked.append(path.name)
+        return CLIP
+
+    clips = read_each(paths(3), read, "Reading", shown=False)
+    next(clips)
+    clips.close()  # type: ignore[attr-defined]
+    assert asked == ["0.mp4"]
