@@ -29,7 +29,7 @@ def test_videos_are_shared_where_there_are_enough(
     assert sharing(paths(videos)) == processes
     assert sharing(paths(videos, others=100)) == processes
     # Its threads would be lost in another process.
-    assert sharing(paths(videos), model=object()) == 1  # type: ignore[arg-type]
+    assert sharing(paths(videos), model=object()) == 1
     assert sharing(paths(0, others=100)) == 1
 
 
@@ -55,5 +55,5 @@ def test_nothing_is_read_before_it_is_wanted() -> None:
 
     clips = read_each(paths(3), read, "Reading", shown=False)
     next(clips)
-    clips.close()  # type: ignore[attr-defined]
+    clips.close()
     assert asked == ["0.mp4"]
