@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from hypothesis import Phase, settings
+
+# Training needs the extra `train`; all else is tested without it too.
+collect_ignore = [] if find_spec("torch") else ["training"]
 
 # How long an example takes says how busy the machine is; time is measured by the benchmarks.
 settings.register_profile("untimed", deadline=None)

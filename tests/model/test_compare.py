@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,6 +21,8 @@ from actioncli.model.features import mirror, token_features
 from actioncli.recognizer import Recognizer
 from actioncli.training.recipes import RECIPES
 from tests.clips.test_prepare import waving
+
+torch = pytest.importorskip("torch", reason="numpy is compared with torch")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PAPER, DEFAULT = RECIPES["paper"].config, RECIPES["default"].config

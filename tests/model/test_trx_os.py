@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,6 +11,8 @@ from actioncli.clips.clip import FloatArray
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.features import token_features
+
+torch = pytest.importorskip("torch", reason="numpy is compared with torch")
 
 CONFIG = ModelConfig()
 
