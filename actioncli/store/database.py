@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from actioncli.errors import StoreError
@@ -137,14 +137,7 @@ def _connected(path: Path, patience: float) -> Iterator[sqlite3.Connection]:
             db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_ROW)
             for pragma in _PRAGMAS:
                 db.execute(pragma)
-            try:
-                yield db
-            finally:
-                # Who caught an error may hold a cursor that was not read to its end, and through
-                # it the lock, whether or not the connection is closed.
-                if db.in_transaction:
-                    with suppress(sqlite3.Error):
-                        db.execute("ROLLBACK")
+            yield db
     # In a damaged file, even the text of an error may not be text.
     except (sqlite3.Error, UnicodeDecodeError) as error:
         raise sqlite_fault(path, error) from error

@@ -71,7 +71,11 @@ def known(db: sqlite3.Connection | None, label: str) -> str:
     """
     label = check_label(label)
     if db is None or holds_negatives(db, label) is None:
-        rows = db.execute("SELECT DISTINCT label FROM examples ORDER BY label") if db else ()
+        rows = (
+            db.execute("SELECT DISTINCT label FROM examples ORDER BY label").fetchall()
+            if db
+            else ()
+        )
         enrolled = [f"`{row[0]}`" for row in rows]
         listed = ", ".join(enrolled[:10]) + (", ..." if len(enrolled) > 10 else "")
         raise SupportError(
@@ -111,7 +115,9 @@ def read_outlines(db: sqlite3.Connection, path: Path) -> list[tuple[int, Record,
     """All examples without their bytes: identifier, record, whether there is a confidence."""
     from actioncli.store.record import OUTLINE, Record
 
-    rows = db.execute(f"SELECT id, confidence IS NOT NULL, {OUTLINE} FROM examples ORDER BY id")
+    rows = db.execute(
+        f"SELECT id, confidence IS NOT NULL, {OUTLINE} FROM examples ORDER BY id"
+    ).fetchall()
     outlines = []
     for row in rows:
         try:

@@ -127,12 +127,15 @@ class SupportStore:
     def actions(self) -> list[Action]:
         """What is enrolled, by label."""
         with reading(self.path) as db:
-            rows = db and db.execute(
+            actions: list[Action] = []
+            if db is None:
+                return actions
+            # Fetched at once: a cursor would live on with an error, and keep the store locked.
+            rows = db.execute(
                 "SELECT label, count(*), total((frames - 1) / fps), max(added), max(negative) "
                 "FROM examples GROUP BY label ORDER BY label"
-            )
-            actions = []
-            for label, examples, seconds, added, negative in rows or ():
+            ).fetchall()
+            for label, examples, seconds, added, negative in rows:
                 require_label(label)
                 require(str, added)
                 actions.append(Action(label, examples, seconds, added, bool(negative)))
@@ -147,13 +150,15 @@ class SupportStore:
         with reading(self.path) as db:
             if label is not None:
                 label = known(db, label)
-            rows = db and db.execute(
+            examples: list[Example] = []
+            if db is None:
+                return examples
+            rows = db.execute(
                 "SELECT id, label, negative, source, checksum, frames, joint_count, fps, added, "
                 "note FROM examples WHERE ?1 IS NULL OR label = ?1 ORDER BY label, id",
                 (label,),
-            )
-            examples = []
-            for number, label, negative, *rest in rows or ():
+            ).fetchall()
+            for number, label, negative, *rest in rows:
                 source, checksum, _, _, fps, added, note = rest
                 require_label(label)
                 require(str, source, checksum, added, note)
