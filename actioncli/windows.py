@@ -24,7 +24,7 @@ from actioncli.pose.active import cut
 LONG = 1.5
 # Windows follow each other at this share of their length.
 STRIDE = 0.25
-CHANCES = 0.2
+CHANCES = 0.3
 
 # Windows are this much shorter and longer than the enrolled examples, so that fast and slow
 # performances match; each is at most so many times as long as the one before.

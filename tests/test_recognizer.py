@@ -430,7 +430,7 @@ def test_a_negative_that_is_farther_than_an_action_keeps_no_window_out() -> None
 
 def test_windows_like_a_negative_are_left_out() -> None:
     first, last = PARTS[0], max(PARTS, key=middle)
-    support = {"early": at(middle(first) - 0.25), "late": at(middle(last) + 0.5)}
+    support = {"early": at(middle(first) - 0.25), "late": at(middle(last) + 0.4)}
     negative = at(middle(first))
     decision = OnALine().classify(LONG, support, 0.4, negative, LASTING)
     assert (decision.label, decision.part) == ("late", time_of(last))
