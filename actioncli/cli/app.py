@@ -20,7 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from actioncli._version import __version__
-from actioncli.cli.common import DebugOption, JsonOption, QuietOption, Settings, StoreOption
+from actioncli.cli.command import DebugOption, JsonOption, QuietOption, Settings, StoreOption
 from actioncli.cli.output import OutputError, error_entry, note, printable, say, write_json
 from actioncli.errors import ActionCliError, UsageError
 

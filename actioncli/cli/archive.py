@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from actioncli.cli.common import Settings, command
+from actioncli.cli.command import Settings, command
 from actioncli.cli.output import plural, printable, say, write_json
 
 

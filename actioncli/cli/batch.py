@@ -9,37 +9,32 @@ from hashlib import sha256
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from actioncli._version import __version__
-from actioncli.cli.common import (
-    FpsOption,
-    LayoutOption,
-    Settings,
-    TauOption,
-    UnitOption,
-    UpOption,
-    WeightsOption,
-    checked_tau,
-    command,
-    stored_negatives,
-    used_threshold,
-)
-from actioncli.cli.output import note, number, plural, printable, progress, say, write_json
-from actioncli.cli.video import (
+from actioncli.cli.command import Options, Settings, command
+from actioncli.cli.common import enrolled
+from actioncli.cli.options import (
     CacheOption,
     PersonOption,
     QualityOption,
-    check_place,
+    TauOption,
+    WeightsOption,
     checked_quality,
+    checked_tau,
+    file_options,
 )
-from actioncli.errors import ClipError, SupportError, UsageError
+from actioncli.cli.output import note, number, plural, printable, progress, say, write_json
+from actioncli.cli.video import check_place
+from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
     from actioncli.batch import Task
     from actioncli.batch_results import Results
+
+FileOptions = Annotated[dict[str, Any], Options(lambda _, **fields: fields, (file_options,))]
 
 
 @command
@@ -55,6 +50,7 @@ def batch(
     output: Annotated[
         Path, typer.Argument(metavar="OUTPUT.parquet", help="Where the decisions go.")
     ],
+    *,
     tau: TauOption = None,
     ray: Annotated[
         str | None,
@@ -66,10 +62,7 @@ def batch(
         ),
     ] = None,
     weights: WeightsOption = None,
-    layout: LayoutOption = None,
-    unit: UnitOption = None,
-    up: UpOption = None,
-    fps: FpsOption = None,
+    files: FileOptions,
     quality: QualityOption = None,
     person: PersonOption = None,
     cache: CacheOption = True,
@@ -118,8 +111,7 @@ def batch(
         checked_tau(tau)
     check_place(output)
     network = None if quality is None else checked_quality(quality)
-    options = {"layout": layout, "unit": unit, "up": up, "fps": fps}
-    options |= {"quality": network, "person": person}
+    options = {**files, "quality": network, "person": person}
     task = _task(settings, weights, tau, {k: v for k, v in options.items() if v is not None})
     basis = {"INPUT": str(recordings.absolute()), **_basis(task)}
     task.options["cache"] = cache
@@ -186,16 +178,15 @@ def _task(
 
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
-        support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
-        negatives = stored_negatives(store, recognizer)
-        threshold = used_threshold(settings, store, recognizer, tau)
-        actions = store.actions()
-    if not support:
-        raise SupportError(
-            "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
-        )
-    durations = [each.seconds / each.examples for each in actions if not each.negative]
-    return Task(recognizer.weights, support, negatives, threshold, durations, options)
+        known = enrolled(settings, store, recognizer, tau)
+    return Task(
+        recognizer.weights,
+        known.support,
+        known.negatives,
+        known.threshold,
+        known.durations,
+        options,
+    )
 
 
 def _basis(task: Task) -> dict[str, str]:

@@ -7,20 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import (
-    FpsOption,
-    LayoutOption,
-    Settings,
-    UnitOption,
-    UpOption,
-    WeightsOption,
-    command,
-    stored_negatives,
-    tell_notes,
-)
+from actioncli.cli.command import Settings, command
+from actioncli.cli.common import tell_notes
+from actioncli.cli.options import FileReading, WeightsOption
 from actioncli.cli.output import number, plural, printable, progress, say, table, write_json
 from actioncli.cli.reading import Reading, named_clips, read_each, report_bad_clip
-from actioncli.errors import ClipError, SupportError, UsageError
+from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,6 +31,7 @@ _KINDS = {
 @command
 def calibrate(
     settings: Settings,
+    *,
     negatives: Annotated[
         list[Path] | None,
         typer.Option(
@@ -68,10 +61,7 @@ def calibrate(
         ),
     ] = None,
     weights: WeightsOption = None,
-    layout: LayoutOption = None,
-    unit: UnitOption = None,
-    up: UpOption = None,
-    fps: FpsOption = None,
+    reading: FileReading,
 ) -> None:
     """Measure which threshold suits the support set.
 
@@ -115,32 +105,27 @@ def calibrate(
 
         check_folder(report)
     from actioncli.calibration import recommend, run_trials
+    from actioncli.enrolment import read_enrolment
     from actioncli.recognizer import Recognizer
-    from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+    from actioncli.threshold import Threshold, keep_threshold
 
-    reading = Reading(layout, unit, up, fps, shown=not settings.quiet)
     recognizer = Recognizer(weights)
     checksum = recognizer.weights.checksum
     with settings.open_store() as store:
-        support = store.embeddings(checksum, recognizer.embed)
-        stored = stored_negatives(store, recognizer)
-        if not support:
-            raise SupportError(
-                "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
-            )
+        known = read_enrolment(store, recognizer)
         others, failed = _read(settings, reading, recognizer, negatives or [])
         trials = run_trials(
             recognizer,
-            support,
-            stored,
+            known.support,
+            known.negatives,
             others,
             lambda steps: progress(steps, "Comparing", shown=not settings.quiet),
         )
         found = recommend(trials, target_far, per_action)
         notes = list(found.notes)
-        last = kept_threshold(store)
-        if last is not None and last.weights != checksum:
-            notes.append(f"The kept threshold, {last.tau:g}, was measured with other weights.")
+        if known.kept is not None and known.kept.weights != checksum:
+            last = known.kept.tau
+            notes.append(f"The kept threshold, {last:g}, was measured with other weights.")
         if not dry_run:
             keep_threshold(
                 store, Threshold(found.tau, checksum, found.actions) if found.measured else None

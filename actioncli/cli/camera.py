@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
-from actioncli.cli.common import Settings
+from actioncli.cli.command import Settings
 from actioncli.errors import ClipError
 from actioncli.pose.poses import LONGEST_GAP
 from actioncli.pose.sides import LIMBS

@@ -12,39 +12,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import (
+from actioncli.cli.command import Settings, command
+from actioncli.cli.common import enrolled, tell_notes
+from actioncli.cli.explain import check_explanation, explain_decision
+from actioncli.cli.options import (
     ClipArguments,
-    FpsOption,
-    LayoutOption,
-    Settings,
+    ClipReading,
     TauOption,
-    UnitOption,
-    UpOption,
     WeightsOption,
     checked_tau,
-    command,
-    stored_negatives,
-    tell_notes,
-    used_threshold,
 )
-from actioncli.cli.explain import check_explanation, explain_decision
 from actioncli.cli.output import error_entry, number, printable, progress, say, table, write_json
 from actioncli.cli.processes import cores, in_processes
 from actioncli.cli.reading import Reading, named_clips, or_error, report_bad_clip, sharing
-from actioncli.cli.video import (
-    CacheOption,
-    EndOption,
-    PersonOption,
-    PoseModelOption,
-    PoseOption,
-    QualityOption,
-    StartOption,
-    check_annotation,
-    checked_quality,
-    chosen_pose_model,
-    write_annotation,
-)
-from actioncli.errors import ClipError, SupportError
+from actioncli.cli.video import check_annotation, write_annotation
+from actioncli.errors import ClipError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
@@ -58,20 +40,11 @@ _BATCH = 64
 def classify(
     settings: Settings,
     clips: ClipArguments,
+    *,
     tau: TauOption = None,
     top: Annotated[int, typer.Option(metavar="N", min=0, help="Length of the ranking.")] = 5,
     weights: WeightsOption = None,
-    layout: LayoutOption = None,
-    unit: UnitOption = None,
-    up: UpOption = None,
-    fps: FpsOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
-    quality: QualityOption = None,
-    person: PersonOption = None,
-    cache: CacheOption = True,
-    pose: PoseOption = "blazepose",
-    pose_model: PoseModelOption = None,
+    reading: ClipReading,
     explain: Annotated[
         Path | None,
         typer.Option(
@@ -122,34 +95,26 @@ def classify(
 
     if tau is not None:
         checked_tau(tau)
-    network = None if quality is None else checked_quality(quality)
     if annotate is not None:
-        check_annotation(clips, annotate, pose == "metrabs")
+        check_annotation(clips, annotate, reading.metrabs is not None)
     if explain is not None:
         check_explanation(clips, explain)
-    shown = not settings.quiet
-    model = chosen_pose_model(pose, pose_model)
-    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, model, shown)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
-        support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
-        negatives = stored_negatives(store, recognizer)
-        threshold = used_threshold(settings, store, recognizer, tau)
-        # Where --start or --end name the part, no other is looked for.
-        found = () if start is not None or end is not None else store.actions()
-        durations = [each.seconds / each.examples for each in found if not each.negative]
-    if not support:
-        raise SupportError(
-            "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
-        )
+        known = enrolled(settings, store, recognizer, tau)
+    # Where --start or --end name the part, no other is looked for.
+    cut_out = reading.start is not None or reading.end is not None
+    durations = () if cut_out else known.durations
 
     entries: list[dict[str, object]] = []
     failed = rejected = 0
     streams = not settings.json and sys.stdout.isatty()
 
     def decide(clips: Sequence[Clip]) -> list[Decision]:
-        found = recognizer.classify_all(clips, support, threshold.tau, negatives, durations)
-        return [threshold.apply(decision) for decision in found]
+        found = recognizer.classify_all(
+            clips, known.support, known.threshold.tau, known.negatives, durations
+        )
+        return [known.threshold.apply(decision) for decision in found]
 
     shown = not (streams or settings.quiet)
     drawn = annotate is not None or explain is not None
@@ -173,8 +138,8 @@ def classify(
     if settings.json:
         write_json(
             {
-                "tau": number(threshold.tau),
-                "actions": len(support),
+                "tau": number(known.threshold.tau),
+                "actions": len(known.support),
                 "clips": entries,
                 "accepted": len(entries) - rejected - failed,
                 "rejected": rejected,

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli._version import __version__
-from actioncli.cli.common import Settings, WeightsOption, command
+from actioncli.cli.command import Settings, command
+from actioncli.cli.options import WeightsOption
 from actioncli.cli.output import note, plural, printable, say, table, write_json
 from actioncli.errors import ActionCliError, StoreError, WeightsError
 

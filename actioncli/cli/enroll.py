@@ -7,39 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import (
-    FpsOption,
-    LayoutOption,
-    Settings,
-    UnitOption,
-    UpOption,
-    WeightsOption,
-    command,
-    complete_label,
-    stored_negatives,
-    tell_notes,
-    used_threshold,
-)
+from actioncli.cli.command import Settings, command
+from actioncli.cli.common import tell_notes
+from actioncli.cli.options import ClipReading, WeightsOption, complete_label
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
-from actioncli.cli.reading import (
-    Reading,
-    named_clips,
-    or_error,
-    read_each,
-    report_bad_clip,
-    sharing,
-)
-from actioncli.cli.video import (
-    CacheOption,
-    EndOption,
-    PersonOption,
-    PoseModelOption,
-    PoseOption,
-    QualityOption,
-    StartOption,
-    checked_quality,
-    chosen_pose_model,
-)
+from actioncli.cli.reading import named_clips, or_error, read_each, report_bad_clip, sharing
 from actioncli.errors import ClipError, StoreError, UsageError, WeightsError
 from actioncli.store.names import NEGATIVES
 
@@ -68,22 +40,13 @@ def enroll(
             show_default=False,
         ),
     ] = None,
+    *,
     negative: Annotated[
         bool, typer.Option("--negative", help="Enrol what must never be accepted.")
     ] = False,
     note: Annotated[str, typer.Option(metavar="TEXT", help="Kept with the examples.")] = "",
     weights: WeightsOption = None,
-    layout: LayoutOption = None,
-    unit: UnitOption = None,
-    up: UpOption = None,
-    fps: FpsOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
-    quality: QualityOption = None,
-    person: PersonOption = None,
-    cache: CacheOption = True,
-    pose: PoseOption = "blazepose",
-    pose_model: PoseModelOption = None,
+    reading: ClipReading,
     camera: Annotated[
         int | None,
         typer.Option(metavar="N", help="Record from this camera; the first one is 0."),
@@ -128,23 +91,21 @@ def enroll(
     if camera is None and not paths:
         raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
     label = NEGATIVES if negative else check_label(label)
-    network = None if quality is None else checked_quality(quality)
-    shown = not settings.quiet
-    model = chosen_pose_model(pose, pose_model)
-    reading = Reading(layout, unit, up, fps, start, end, network, person, cache, model, shown)
     recognizer = _recognizer(settings, weights)
     given: Iterable[tuple[Path, Clip | ClipError]]
     if camera is not None:
         from actioncli.cli.camera import record
+        from actioncli.pose.video import DEFAULT_QUALITY
 
         recorded = or_error(
-            lambda number: record(settings, number, seconds, checked_quality(quality)), camera
+            lambda number: record(settings, number, seconds, reading.quality or DEFAULT_QUALITY),
+            camera,
         )
         given = [(Path(f"camera {camera}"), recorded)]
     else:
         files = named_clips(paths or [])
-        processes = sharing(files, model)
-        given = read_each(files, reading.read, "Reading", shown=shown, processes=processes)
+        processes = sharing(files, reading.metrabs)
+        given = read_each(files, reading.read, "Reading", shown=reading.shown, processes=processes)
     outcomes: list[tuple[Path, Clip | ClipError]] = []
     embeddings: list[FloatArray] = []
     for path, clip in given:
@@ -164,7 +125,7 @@ def enroll(
     with settings.open_store() as store:
         if usable and recognizer is not None and not negative:
             try:
-                doubts = _doubts(settings, store, recognizer, label, embeddings)
+                doubts = _doubts(store, recognizer, label, embeddings)
             except StoreError as error:
                 # A damaged example, for instance, is no reason to refuse a new one.
                 settings.tell(f"warning: the clips are not compared: {printable(error)}")
@@ -247,7 +208,6 @@ def _recognizer(settings: Settings, weights: Path | None) -> Recognizer | None:
 
 
 def _doubts(
-    settings: Settings,
     store: SupportStore,
     recognizer: Recognizer,
     label: str,
@@ -256,11 +216,12 @@ def _doubts(
     """For each new clip, warnings about what it looks like beside all others."""
     import numpy as np
 
+    from actioncli.enrolment import stored_negatives, used_threshold
     from actioncli.likeness import doubts
 
     support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
     negatives = stored_negatives(store, recognizer)
-    threshold = used_threshold(settings, store, recognizer)
+    threshold, _ = used_threshold(store, recognizer)
     own = [*support.pop(label, ()), *embeddings]
     found = []
     for clip in embeddings:

@@ -12,14 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from actioncli.cli.common import (
-    Settings,
-    WeightsOption,
-    checked_tau,
-    command,
-    tell_notes,
-)
+from actioncli.cli.command import Settings, command
+from actioncli.cli.common import tell_notes
 from actioncli.cli.figures import say_acceptance, say_figures
+from actioncli.cli.options import WeightsOption, checked_tau
 from actioncli.cli.output import number, printable, progress, say, write_json
 from actioncli.errors import UsageError
 

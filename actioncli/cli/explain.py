@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from actioncli.cli.common import Settings
+from actioncli.cli.command import Settings
 from actioncli.cli.output import printable
 from actioncli.errors import UsageError
 

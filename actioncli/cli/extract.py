@@ -7,22 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import Settings, command, tell_notes
+from actioncli.cli.command import Settings, command
+from actioncli.cli.common import tell_notes
+from actioncli.cli.options import VideoReading
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
 from actioncli.cli.reading import read_each, report_bad_clip, sharing
-from actioncli.cli.video import (
-    CacheOption,
-    EndOption,
-    PersonOption,
-    PoseModelOption,
-    PoseOption,
-    QualityOption,
-    StartOption,
-    check_place,
-    checked_quality,
-    chosen_pose_model,
-    video_progress,
-)
+from actioncli.cli.video import check_place, video_progress
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
@@ -35,6 +25,7 @@ def extract(
     videos: Annotated[
         list[Path], typer.Argument(metavar="VIDEO...", help="Videos, folders of them, or patterns.")
     ],
+    *,
     output: Annotated[
         Path,
         typer.Option(
@@ -49,13 +40,7 @@ def extract(
             show_default=False,
         ),
     ] = None,
-    start: StartOption = None,
-    end: EndOption = None,
-    quality: QualityOption = None,
-    person: PersonOption = None,
-    cache: CacheOption = True,
-    pose: PoseOption = "blazepose",
-    pose_model: PoseModelOption = None,
+    reading: VideoReading,
 ) -> None:
     """Write the skeleton in a video to a file.
 
@@ -79,23 +64,24 @@ def extract(
     from actioncli.clips.write import write_clip
     from actioncli.pose import VIDEO_SUFFIXES
     from actioncli.pose.metrabs import read_metrabs_clip
-    from actioncli.pose.video import read_video_clip
+    from actioncli.pose.video import DEFAULT_QUALITY, read_video_clip
 
     paths = find_clips(videos, tuple(VIDEO_SUFFIXES))
     targets = _targets(paths, output, format)
-    network = checked_quality(quality)
-    model = chosen_pose_model(pose, pose_model)
+    model = reading.metrabs
 
     def read(path: Path, shown: bool) -> Clip:
+        part = reading.start, reading.end
         with video_progress(path, shown=shown) as progress:
             if model is not None:
-                return read_metrabs_clip(path, model, start, end, person, progress)
-            return read_video_clip(path, start, end, network, person, cache, progress)
+                return read_metrabs_clip(path, model, *part, reading.person, progress)
+            quality = reading.quality or DEFAULT_QUALITY
+            return read_video_clip(path, *part, quality, reading.person, reading.cache, progress)
 
     entries: list[dict[str, object]] = []
     failed = 0
-    shown, processes = not settings.quiet, sharing(paths, model)
-    clips = read_each(paths, read, "Reading", shown=shown, processes=processes)
+    processes = sharing(paths, model)
+    clips = read_each(paths, read, "Reading", shown=reading.shown, processes=processes)
     for (path, clip), target in zip(clips, targets, strict=True):
         try:
             if isinstance(clip, ClipError):

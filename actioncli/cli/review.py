@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import Settings, command
+from actioncli.cli.command import Settings, command
 from actioncli.cli.output import note, number, plural, printable, say, write_json
 from actioncli.cli.studio import OpenOption, PortOption, review_page
 from actioncli.cli.support import draw

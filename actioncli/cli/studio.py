@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import Settings, command
+from actioncli.cli.command import Settings, command
 from actioncli.cli.output import note, say
 from actioncli.errors import UsageError
 

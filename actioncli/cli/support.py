@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import Settings, command, complete_label
+from actioncli.cli.command import Settings, command
+from actioncli.cli.options import complete_label
 from actioncli.cli.output import number, plural, printable, say, table, write_json
 from actioncli.errors import SupportError, UsageError
 

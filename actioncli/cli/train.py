@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from actioncli.cli.common import Settings, command
+from actioncli.cli.command import Settings, command
 from actioncli.cli.output import note, number, printable, progress, say, write_json
 from actioncli.errors import UsageError
 

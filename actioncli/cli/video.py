@@ -1,4 +1,4 @@
-"""What the commands that read videos share: options, and progress with frame rate and time left."""
+"""What the commands that read videos share: progress with frame rate and time left, drawing."""
 
 from __future__ import annotations
 
@@ -7,108 +7,17 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
     from actioncli.cli.reading import Reading
-    from actioncli.pose.metrabs import PoseModel
     from actioncli.pose.video import Progress
     from actioncli.recognizer import Decision
 
-StartOption = Annotated[
-    float | None,
-    typer.Option(
-        "--start",
-        metavar="SECONDS",
-        help="Where the action begins in a video.  [default: found from the motion]",
-        show_default=False,
-    ),
-]
-EndOption = Annotated[
-    float | None,
-    typer.Option(
-        "--end",
-        metavar="SECONDS",
-        help="Where it ends.  [default: found from the motion]",
-        show_default=False,
-    ),
-]
-QualityOption = Annotated[
-    str | None,
-    typer.Option(
-        "--quality",
-        metavar="fast|accurate",
-        help="Pose network for videos.  [default: fast]",
-        show_default=False,
-    ),
-]
-PersonOption = Annotated[
-    int | None,
-    typer.Option(
-        "--person",
-        metavar="N",
-        help="Whom to follow in a video, 1 is the leftmost.  [default: who moves most]",
-        show_default=False,
-    ),
-]
-CacheOption = Annotated[
-    bool, typer.Option("--cache/--no-cache", help="Keep poses of videos for the next time.")
-]
-
-PoseOption = Annotated[
-    str,
-    typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos."),
-]
-PoseModelOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--pose-model",
-        metavar="FOLDER",
-        help="MeTRAbs model that you have downloaded; its weights are for non-commercial use.",
-    ),
-]
-
 # Reading that is over sooner needs no progress line.
 _PATIENCE_SECONDS = 1.0
-
-
-def checked_quality(quality: str | None) -> str:
-    """The quality to use.
-
-    Raises:
-        UsageError: there is no such one.
-    """
-    from actioncli.pose.networks import LANDMARKS
-    from actioncli.pose.video import DEFAULT_QUALITY
-
-    if quality is not None and quality not in LANDMARKS:
-        raise UsageError(f"--quality is {' or '.join(LANDMARKS)}, not {quality!r}.")
-    return quality or DEFAULT_QUALITY
-
-
-def chosen_pose_model(pose: str, path: Path | None) -> PoseModel | None:
-    """The MeTRAbs model to use; None for BlazePose.
-
-    Raises:
-        UsageError: the two options do not fit.
-        WeightsError: the model cannot be loaded.
-    """
-    if pose not in ("blazepose", "metrabs"):
-        raise UsageError(f"--pose is blazepose or metrabs, not {pose!r}.")
-    if (pose == "metrabs") != (path is not None):
-        raise UsageError(
-            "--pose metrabs and --pose-model FOLDER belong together: the model is not part of "
-            "actioncli."
-        )
-    if path is None:
-        return None
-    from actioncli.pose.metrabs import load_model
-
-    return load_model(path)
 
 
 @contextlib.contextmanager
@@ -188,14 +97,14 @@ def write_annotation(reading: Reading, video: Path, output: Path, decision: Deci
         ClipError: the file cannot be written.
     """
     from actioncli.pose.annotate import annotate_video
-    from actioncli.pose.video import read_poses
+    from actioncli.pose.video import DEFAULT_QUALITY, read_poses
 
     sign = ">" if decision.confidence > decision.tau else "<="
     verdict = (
         f"rejected (nearest: {decision.nearest})" if decision.label is None else decision.label
     )
     lines = [verdict, f"confidence {decision.confidence:.2f} {sign} tau {decision.tau:.2f}"]
-    quality = checked_quality(reading.quality)
+    quality = reading.quality or DEFAULT_QUALITY
     asked = (reading.start, reading.end, quality, reading.person, reading.cache)
     with video_progress(video, shown=reading.shown) as progress:
         poses = read_poses(video, *asked, progress)

@@ -17,17 +17,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from actioncli.cli.common import (
-    Settings,
-    TauOption,
-    WeightsOption,
-    command,
-    stored_negatives,
-    used_threshold,
-)
+from actioncli.cli.command import Settings, command
+from actioncli.cli.common import enrolled
+from actioncli.cli.options import QualityOption, TauOption, WeightsOption, checked_quality
 from actioncli.cli.output import number, printable, say
-from actioncli.cli.video import QualityOption, checked_quality
-from actioncli.errors import ClipError, SupportError, UsageError
+from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
     from actioncli.events import Event, Spotter
@@ -91,16 +85,10 @@ def watch(
     network = checked_quality(quality)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
-        support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
-        negatives = stored_negatives(store, recognizer)
-        threshold = used_threshold(settings, store, recognizer, tau)
+        known = enrolled(settings, store, recognizer, tau)
         durations = [(e.frames - 1) / e.fps for e in store.examples() if not e.negative]
-    if not support:
-        raise SupportError(
-            "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
-        )
-    spotter = Spotter(recognizer, support, threshold, durations, negatives)
-    recorder = Recorder(record, threshold, source) if record is not None else None
+    spotter = Spotter(recognizer, known.support, known.threshold, durations, known.negatives)
+    recorder = Recorder(record, known.threshold, source) if record is not None else None
     try:
         for event in _events(settings, source, spotter, network, recorder):
             _tell(settings, event)

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.enrolment import stored_negatives, used_threshold
 from actioncli.errors import UsageError
 from actioncli.likeness import doubts
-from actioncli.recognizer import DEFAULT_TAU, Decision, Recognizer
+from actioncli.recognizer import Decision, Recognizer
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.store.names import NEGATIVES, check_label
 from actioncli.store.store import Enrolled, Example, SupportStore
-from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+from actioncli.threshold import Threshold, keep_threshold
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,22 +89,18 @@ class SupportSet:
         self, examples: Sequence[Example], content: tuple[tuple[str, bool, str], ...]
     ) -> Loaded:
         checksum, embed = self.recognizer.weights.checksum, self.recognizer.embed
-        kept = self.store.embeddings(checksum, embed, negative=True)
         return Loaded(
             content,
             self.store.embeddings(checksum, embed),
-            np.concatenate([embed([]), *kept.values()]),
+            stored_negatives(self.store, self.recognizer),
             tuple((e.frames - 1) / e.fps for e in examples if not e.negative),
             tuple(a.seconds / a.examples for a in self.store.actions() if not a.negative),
         )
 
     def threshold(self) -> tuple[Threshold, bool]:
         """The threshold in use, and whether it was kept, by a page or by `calibrate`."""
-        checksum = self.recognizer.weights.checksum
-        kept = kept_threshold(self.store)
-        if kept is not None and kept.weights == checksum:
-            return kept, True
-        return Threshold(DEFAULT_TAU, checksum), False
+        threshold, kept = used_threshold(self.store, self.recognizer)
+        return threshold, threshold is kept
 
     def keep_tau(self, tau: float | None) -> None:
         """Use this threshold from now on, here and in the commands; None is the default."""
