@@ -22,13 +22,13 @@ import subprocess
 import sys
 import tempfile
 import time
-import traceback
-import warnings
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from worker import State, Task, Worker, checksum, encode, make_clip
 
@@ -38,8 +38,8 @@ from actioncli.store.archive import read_archive
 from actioncli.store.record import Record
 from actioncli.store.store import SupportStore
 from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+from tests.forking import NOBODY, fork
 
-NOBODY = 65534
 EXAMPLES = {
     f"{file.parent.name} {file.stem}": file
     for file in sorted((Path(__file__).parents[2] / "examples").glob("*/*.npz"))
@@ -541,35 +541,6 @@ def mount(folder: Path, size: int) -> bool:
     libc = ctypes.CDLL(None, use_errno=True)
     options = f"size={size},mode=711".encode()
     return libc.mount(b"none", os.fsencode(folder), b"tmpfs", 0, options) == 0
-
-
-def fork(work: Callable[[], object], ordinary: bool = False, limit: bool = False) -> int:
-    """Run `work` in a child; its id. Without root's rights, or with small files, if told so."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    with warnings.catch_warnings():
-        # Newer Pythons warn where the parent has threads; the child here touches none.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
-    if child:
-        return child
-    code = 1
-    try:
-        if limit:
-            import resource
-
-            resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
-        if ordinary and os.geteuid() == 0:
-            os.setgroups([])
-            os.setgid(NOBODY)
-            os.setuid(NOBODY)
-        work()
-        code = 0
-    except BaseException:  # noqa: BLE001 - the child must end here, and say why
-        traceback.print_exc()
-        sys.stderr.flush()
-    finally:
-        os._exit(code)
 
 
 def play(seed: int) -> tuple[bool, str]:

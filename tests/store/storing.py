@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-import sys
-import traceback
 import unicodedata  # noqa: F401 - a child without rights on the interpreter cannot import it
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,8 +12,7 @@ import numpy as np
 import actioncli.store.archive
 import actioncli.store.record  # noqa: F401 - likewise
 from actioncli.clips.clip import Clip
-
-NOBODY = 65534
+from tests.forking import NOBODY, fork
 
 
 def make_clip(
@@ -46,36 +42,6 @@ def same(first: Clip, second: Clip) -> bool:
             or np.array_equal(first.confidence, second.confidence)
         )
     )
-
-
-def fork(work: Callable[[], object], ordinary: bool = False) -> int:
-    """Run `work` in a child process and return its id; the child ends with 0 if `work` did.
-
-    Args:
-        work: what to do.
-        ordinary: give up root's rights first, which no permission would stop.
-    """
-    sys.stdout.flush()
-    sys.stderr.flush()
-    with warnings.catch_warnings():
-        # Newer Pythons warn where the parent has threads; the child here touches none.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
-    if child:
-        return child
-    code = 1
-    try:
-        if ordinary and os.geteuid() == 0:
-            os.setgroups([])
-            os.setgid(NOBODY)
-            os.setuid(NOBODY)
-        work()
-        code = 0
-    except BaseException:  # noqa: BLE001 - the child must end here, and say why
-        traceback.print_exc()
-        sys.stderr.flush()
-    finally:
-        os._exit(code)
 
 
 def succeeded(child: int) -> bool:
