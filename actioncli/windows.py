@@ -16,6 +16,7 @@ from math import inf
 
 import numpy as np
 
+from actioncli.clips.axes import median
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError
 from actioncli.pose.active import cut
@@ -48,7 +49,7 @@ def windows(clip: Clip, durations: Iterable[float]) -> list[Clip]:
         durations: of the enrolled examples, seconds; none where they are unknown.
     """
     known = tuple(durations)
-    if not known or clip.duration <= LONG * float(np.median(known)):
+    if not known or clip.duration <= LONG * float(median(np.array(known))):
         return []
     found = []
     for seconds in window_lengths(known):

@@ -114,8 +114,8 @@ def body_size(positions: FloatArray, names: tuple[str, ...]) -> float | None:
         return None
     ends = midpoints(positions, [columns[joint] for bone in known for joint in bone])
     bones = ends[:, ::2] - ends[:, 1::2]
-    sizes = _median(np.sqrt((bones * bones).sum(axis=2)))
-    return float(_median(sizes / np.array([_BONES[bone] for bone in known])))
+    sizes = median(np.sqrt((bones * bones).sum(axis=2)))
+    return float(median(sizes / np.array([_BONES[bone] for bone in known])))
 
 
 def infer_unit(size: float | None, where: str) -> str:
@@ -239,7 +239,8 @@ def _may_lie(positions: FloatArray, metres: float) -> bool:
     return bool(before_a_sensor or on_a_floor)
 
 
-def _median(values: NDArray[Any]) -> NDArray[Any]:
-    """Along the first axis. numpy's own takes longer than all else here: it looks for NaN."""
+def median(values: NDArray[Any]) -> NDArray[Any]:
+    """Along the first axis. numpy's own takes longer than all else here, and still longer at its
+    first call: it looks for NaN, and imports what it does so by."""
     ordered, half = np.sort(values, axis=0), len(values) // 2
     return np.asarray((ordered[half] + ordered[~half]) / 2)

@@ -20,11 +20,14 @@ from actioncli.model.warping import warping_cost
 _BLOCK_PAIRS = 1920
 
 # Queries whose pairs are kept at a time.
-_BLOCK_QUERIES = 16
+_BLOCK_QUERIES = 64
 
-# Examples up to which every action is compared in full, and how many are at least beyond; of
-# recordings, the nearest of 10,000 was among the first 60 by promise (docs/benchmarks.md).
-EXACT = 256
+# Examples up to which every action is compared in full, and how many are at least beyond; and how
+# many are at most, where more of them may be nearest. By how much T and Disc may add more to such
+# an action than to any that was compared first: of 1,000 recordings beside 10,000 examples, that
+# finds the nearest of all (docs/benchmarks.md).
+EXACT, _AT_MOST = 256, 1024
+_SLACK = 0.6
 # Actions that are compared in full, however many examples each of them has.
 _FEWEST = 8
 
@@ -41,9 +44,9 @@ def scores(
 
     D and the radii cost a fiftieth of T and Disc. So of more than `EXACT` examples only the
     actions with the largest promise, the logit without T and Disc, are compared in full, and then
-    all others that would be nearest if T and Disc added to their promise the most that they added
-    to any so far. What is still left is told with the least that they added: never nearer than
-    what was compared in full.
+    others that would be nearest if T and Disc added to their promise `_SLACK` more than to any so
+    far. What is still left is told with the least that they added: never nearer than what was
+    compared in full.
 
     Args:
         queries: (Q, F, E) embeddings.
@@ -61,13 +64,13 @@ def scores(
     chosen = None
     if counts.sum() > EXACT:
         cheap = promise(params, config, warped)
-        chosen = _largest(cheap, counts)
+        chosen = _largest(cheap, counts, EXACT)
     parts = _parts(params, config, queries, actions, warped, chosen)
     logit = weighted(config, parts) @ weight + bias
     if chosen is not None:
         best = np.where(chosen, logit, -np.inf).max(axis=1, keepdims=True)
         most = np.where(chosen, logit - cheap, -np.inf).max(axis=1, keepdims=True)
-        rivals = ~chosen & (cheap + most >= best)
+        rivals = ~chosen & (cheap + most + _SLACK >= best) & _largest(cheap, counts, _AT_MOST)
         if rivals.any():
             parts = _parts(params, config, queries, actions, warped, rivals)
             logit = np.where(rivals, weighted(config, parts) @ weight + bias, logit)
@@ -84,12 +87,12 @@ def promise(params: Params, config: ModelConfig, warped: Warped) -> FloatArray:
     return np.asarray(weighted(config, _unattended(warped)) @ weight + params["score.bias"])
 
 
-def _largest(cheap: FloatArray, counts: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which actions to compare in full, (Q, K): the largest of `cheap` (Q, K), `EXACT` examples
+def _largest(cheap: FloatArray, counts: NDArray[np.intp], examples: int) -> NDArray[np.bool_]:
+    """Which actions to compare in full, (Q, K): the largest of `cheap` (Q, K), so many examples
     and at least `_FEWEST` actions of them for each query; it does not depend on their order."""
     order = np.argsort(-cheap, axis=1)
     before = np.cumsum(counts[order], axis=1) - counts[order]
-    last = np.maximum((before < EXACT).sum(axis=1), min(_FEWEST, len(counts))) - 1
+    last = np.maximum((before < examples).sum(axis=1), min(_FEWEST, len(counts))) - 1
     least = np.take_along_axis(cheap, order, axis=1)[np.arange(len(cheap)), last]
     return np.asarray(cheap >= least[:, None])
 

@@ -12,7 +12,7 @@ from actioncli.clips.clip import FloatArray
 
 # Pairs warped in one piece: enough to make up for the calls, and their cost matrices stay in the
 # processor's cache.
-_BLOCK_PAIRS = 512
+_BLOCK_PAIRS = 1024
 
 
 def warping_cost(queries: NDArray[Any], supports: NDArray[Any]) -> FloatArray:

@@ -227,6 +227,21 @@ def test_a_short_list_decides_as_the_exact_comparison(
     np.testing.assert_array_equal(distance.argmin(axis=1), exact.argmax(axis=1))
 
 
+def test_no_more_are_compared_than_take_half_a_second(
+    monkeypatch: pytest.MonkeyPatch, varied: FloatArray
+) -> None:
+    weights = Recognizer().weights
+    actions = list(varied[15:, None])
+    for name, value in {"EXACT": 10, "_AT_MOST": 20, "_SLACK": np.inf}.items():
+        monkeypatch.setattr(compare, name, value)
+    exact = compare.score_parts(weights.tensors, weights.config, varied[:5], actions)
+    weight, bias = weights.tensors["score.weight"], weights.tensors["score.bias"]
+    full = compare.weighted(weights.config, exact) @ weight + bias
+    logit = compare.scores(weights.tensors, weights.config, varied[:5], actions)[1]
+    # Each query with the twenty that promise most, and no other.
+    assert (np.isclose(logit, full, atol=1e-4).sum(axis=1) == 20).all()
+
+
 def test_queries_that_need_other_actions_each(varied: FloatArray) -> None:
     """As many pairs as actions, but not each action once."""
     weights = Recognizer().weights

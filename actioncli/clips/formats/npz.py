@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 import zlib
 from collections.abc import Container, Mapping
@@ -24,6 +25,8 @@ _END_LENGTH = 22
 # than 4 GB need.
 _LARGE_ARCHIVE = b"PK\x06\x07"
 _LARGE_ARCHIVE_LENGTH = 20
+# Bytes of an array that are read ahead.
+_AT_ONCE = 2**16
 _METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 
 
@@ -67,7 +70,8 @@ def read_arrays(
             for name, info in chosen.items():
                 if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                     raise ClipError(f"{file}: is compressed in a way that numpy.savez never uses.")
-                with archive.open(info) as stream:
+                # The library answers each read by many calls of its own: headers are small reads.
+                with io.BufferedReader(archive.open(info), _AT_ONCE) as stream:  # type: ignore[type-var]
                     where = f"{file} ({info.filename})"
                     arrays[name] = read_array(stream, read_header(stream, where), where)
             return arrays
