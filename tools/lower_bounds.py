@@ -12,7 +12,7 @@ import re
 import tomllib
 from pathlib import Path
 
-EXTRAS = ("report", "studio", "train")
+EXTRAS = ("ray", "report", "studio", "train")
 
 
 def main() -> None:

@@ -23,6 +23,9 @@ echo "Oldest: $OLDEST"
 "$work/oldest/bin/python" -m pip install --quiet $("$OLDEST" tools/lower_bounds.py) $testing
 "$work/oldest/bin/python" -m pip install --quiet --no-deps --editable .
 tests "$work/oldest/bin/python"
+# Ray gives up where it does not start within half a minute: its tests run alone.
+PYTHONPATH=. OMP_NUM_THREADS=1 "$work/oldest/bin/python" -m pytest -p no:cacheprovider -m nightly \
+	tests/cli/test_batch.py
 
 echo "Newest: $NEWEST"
 "$NEWEST" -m venv "$work/newest"
