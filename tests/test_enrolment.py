@@ -39,6 +39,9 @@ def test_what_is_enrolled(store: SupportStore, recognizer: Recognizer) -> None:
             embeddings, np.concatenate([recognizer.embed([clip]) for clip in clips[label]])
         )
     np.testing.assert_array_equal(found.negatives, recognizer.embed([punch]))
+    # Nothing is embedded a second time with these weights.
+    for negative in (False, True):
+        store.embeddings(recognizer.weights.checksum, lambda clips: pytest.fail(), negative)
     # In the order of the actions, and without the negatives.
     assert found.durations == [
         pytest.approx(np.mean([clip.duration for clip in clips[label]]))
@@ -84,7 +87,8 @@ def test_tau_wins_over_what_is_kept(store: SupportStore, recognizer: Recognizer)
 
 def test_nothing_enrolled(tmp_path: Path, recognizer: Recognizer) -> None:
     store = SupportStore(tmp_path / "support.db")
-    with pytest.raises(SupportError, match="empty; enrol an action first: actioncli enroll LABEL"):
+    told = "^the support set is empty; enrol an action first: actioncli enroll LABEL CLIP$"
+    with pytest.raises(SupportError, match=told):
         read_enrolment(store, recognizer)
     store.enroll("noise", read_clip(EXAMPLES / "punch_right" / "dev.npz"), negative=True)
     with pytest.raises(SupportError, match="empty"):

@@ -79,7 +79,7 @@ def prepare_all(clips: Sequence[Clip], preparation: Preparation) -> FloatArray:
         ClipError: as `prepare`.
     """
     names, frames = preparation.joints, preparation.frames
-    if not clips:
+    if len(clips) == 0:
         return np.empty((0, frames, len(names), 3), np.float32)
     joints, lengths = _posed(clips, preparation)
     at = _places(joints, lengths, frames, preparation.motion)
