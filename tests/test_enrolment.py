@@ -41,7 +41,9 @@ def test_what_is_enrolled(store: SupportStore, recognizer: Recognizer) -> None:
     np.testing.assert_array_equal(found.negatives, recognizer.embed([punch]))
     # Nothing is embedded a second time with these weights.
     for negative in (False, True):
-        store.embeddings(recognizer.weights.checksum, lambda clips: pytest.fail(), negative)
+        store.embeddings(
+            recognizer.weights.checksum, lambda _: pytest.fail("embedded again"), negative
+        )
     # In the order of the actions, and without the negatives.
     assert found.durations == [
         pytest.approx(np.mean([clip.duration for clip in clips[label]]))
