@@ -24,9 +24,8 @@ _BLOCK_QUERIES = 64
 
 # Examples up to which every action is compared in full, and how many are at least beyond; and how
 # many are at most, where more of them may be nearest. By how much T and Disc may add more to such
-# an action than to any that was compared first: of 1,000 recordings beside 10,000 examples, that
-# finds the nearest of all (docs/benchmarks.md).
-EXACT, _AT_MOST = 256, 1024
+# an action than to any that was compared first. Measured on recordings (docs/benchmarks.md).
+EXACT, _AT_MOST = 256, 512
 _SLACK = 0.6
 # Actions that are compared in full, however many examples each of them has.
 _FEWEST = 8
@@ -44,8 +43,8 @@ def scores(
 
     D and the radii cost a fiftieth of T and Disc. So of more than `EXACT` examples only the
     actions with the largest promise, the logit without T and Disc, are compared in full, and then
-    others that would be nearest if T and Disc added to their promise `_SLACK` more than to any so
-    far. What is still left is told with the least that they added: never nearer than what was
+    of as many again those that would be nearest if T and Disc added to their promise `_SLACK` more
+    than to any so far. What is still left is told with the least that they added: never nearer than what was
     compared in full.
 
     Args:

@@ -177,8 +177,9 @@ def recall(paths: list[Path], queries: int) -> None:
     # Other queries than those by which the constants of `compare` were chosen, seed 0.
     random = np.random.default_rng(1)
     asked = random.permutation(len(clips))[:queries]
-    # Of each query: whether the nearest was told, and its place in the order of promise.
-    told: dict[tuple[int, bool], list[tuple[bool, int]]] = {}
+    # Of each query: whether the nearest was told, whether the decision is the same at a confidence
+    # of one half, and the nearest's place in the order of promise.
+    told: dict[tuple[int, bool], list[tuple[bool, bool, int]]] = {}
     for number, one in enumerate(asked, start=1):
         query = clips[one : one + 1]
         promise = compare.promise(params, config, compare.warp(params, config, query, actions))[0]
@@ -200,16 +201,16 @@ def recall(paths: list[Path], queries: int) -> None:
                     scored = compare.scores(params, config, query, [actions[k] for k in some])
                     full.update(zip(some, scored[1][0], strict=True))
                 exact = np.array([full[k] for k in possible])
-                found = exact.max() <= best + ROUNDING
-                told.setdefault((size, own), []).append((bool(found), int(exact.argmax())))
+                found = bool(exact.max() <= best + ROUNDING)
+                decided = found or (best <= 0 and exact.max() <= 0)
+                told.setdefault((size, own), []).append((found, decided, int(exact.argmax())))
         if number % 50 == 0 or number == len(asked):
             for (size, own), of_queries in told.items():
-                found = sum(one for one, _ in of_queries)
-                first = sum(place < compare.EXACT for _, place in of_queries)
+                nearest, same, places = zip(*of_queries, strict=True)
                 print(
                     f"{size:6} examples, own action {'in' if own else 'not in'} the support set: "
-                    f"nearest told for {found} of {number}, in the first step for {first}; it is "
-                    f"at most number {max(place for _, place in of_queries) + 1}",
+                    f"of {number} queries the nearest for {sum(nearest)}, the decision for "
+                    f"{sum(same)}; it is at most number {max(places) + 1}",
                     flush=True,
                 )
 
