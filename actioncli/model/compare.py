@@ -44,8 +44,8 @@ def scores(
     D and the radii cost a fiftieth of T and Disc. So of more than `EXACT` examples only the
     actions with the largest promise, the logit without T and Disc, are compared in full, and then
     of as many again those that would be nearest if T and Disc added to their promise `_SLACK` more
-    than to any so far. What is still left is told with the least that they added: never nearer than what was
-    compared in full.
+    than to any so far. What is still left is told with the least that they added: never nearer
+    than what was compared in full.
 
     Args:
         queries: (Q, F, E) embeddings.
