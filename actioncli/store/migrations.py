@@ -91,20 +91,6 @@ def setting_crc(name: str, value: str) -> int:
     return zlib.crc32(f"{name}\0{value}".encode("utf-8", "surrogatepass"))
 
 
-def intact_setting(name: object, value: object, crc: object) -> bool:
-    """Whether a setting is what was set."""
-    texts = isinstance(name, str) and isinstance(value, str)
-    return texts and setting_crc(str(name), str(value)) == crc
-
-
-def put_setting(db: sqlite3.Connection, name: str, value: str) -> None:
-    """Set a setting."""
-    db.execute(
-        "INSERT OR REPLACE INTO settings (name, value, crc) VALUES (?, ?, ?)",
-        (name, value, setting_crc(name, value)),
-    )
-
-
 def schema_version(db: sqlite3.Connection, path: Path) -> int:
     """How many migrations the database has seen; 0 for an empty one.
 

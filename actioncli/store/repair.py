@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from mmap import ACCESS_READ, mmap
@@ -23,9 +23,11 @@ from actioncli.errors import StoreError
 from actioncli.store.database import writing
 from actioncli.store.examples import place
 from actioncli.store.faults import system_fault
+from actioncli.store.health import damage
 from actioncli.store.location import exists, sync_folder
-from actioncli.store.migrations import MIGRATIONS, put_setting, schema_of
+from actioncli.store.migrations import MIGRATIONS, schema_of
 from actioncli.store.salvage import Gone, Salvage, salvage
+from actioncli.store.settings import put_setting
 
 # Seconds that a reader or a short write may take to leave the store alone.
 _PATIENCE = 2.0
@@ -58,12 +60,8 @@ class Repair:
 _LONGEST_NAME = 255
 
 
-def repair(path: Path, damage: Callable[[Path], list[str]]) -> Repair | None:
+def repair(path: Path) -> Repair | None:
     """Put a whole store in the place of a damaged one; None where nothing is damaged.
-
-    Args:
-        path: the store's file.
-        damage: tells what is wrong with a store.
 
     Raises:
         StoreError: another process uses it, it is no support set, or one of a newer release, or

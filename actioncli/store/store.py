@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING
 from actioncli.errors import StoreError, SupportError, UsageError
 from actioncli.store.cache import (
     REVISION,
-    damaged_embeddings,
     keep_embeddings,
     read_embeddings,
     rename_embeddings,
@@ -28,9 +26,9 @@ from actioncli.store.examples import (
     require,
     require_label,
 )
-from actioncli.store.location import exists, folder_open_to_others, open_to_others, store_path
-from actioncli.store.migrations import intact_setting, put_setting
+from actioncli.store.location import store_path
 from actioncli.store.names import check_label
+from actioncli.store.settings import put_setting, read_settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -321,7 +319,7 @@ class SupportStore:
                 Path(path).absolute(),
                 [Entry(outline, confidence) for _, outline, confidence in outlines],
                 (read_record(db, self.path, example) for example, _, _ in outlines),
-                self._settings(db),
+                read_settings(db, self.path),
             )
         return len(outlines)
 
@@ -335,7 +333,8 @@ class SupportStore:
         Raises:
             StoreError: the file cannot be read as an export, or clashes with the store.
         """
-        from actioncli.store.archive import read_archive, read_settings
+        from actioncli.store.archive import read_archive
+        from actioncli.store.archive import read_settings as carried_settings
 
         path = Path(path).absolute()
         # Once to the end before the store is created or locked, and once more to add.
@@ -346,7 +345,7 @@ class SupportStore:
                 db.execute(f"SELECT 1 FROM {table} LIMIT 1").fetchone()
                 for table in ("examples", "settings")
             ):
-                for name, value in read_settings(path).items():
+                for name, value in carried_settings(path).items():
                     put_setting(db, name, value)
             try:
                 outcomes = [insert(db, record).added for record in read_archive(path)]
@@ -361,7 +360,7 @@ class SupportStore:
             StoreError: it is not what was set.
         """
         with reading(self.path) as db:
-            return self._settings(db, name).get(name) if db else None
+            return read_settings(db, self.path, name).get(name) if db else None
 
     def set_setting(self, name: str, value: str | None) -> None:
         """Remember a value; None forgets it, if there is one."""
@@ -384,28 +383,15 @@ class SupportStore:
         Looks at the database's structure, every example's content and checksum, the cached
         embeddings, and who may read the file.
         """
-        problems: list[str] = []
-        try:
-            if not exists(self.path):
-                return []
-            if open_to_others(self.path):
-                problems.append(f"{self.path} is open to other users: chmod 600 it.")
-            if folder_open_to_others(self.path):
-                problems.append(f"Other users may replace {self.path}: chmod 700 its folder.")
-        except StoreError as error:
-            return [str(error)]
-        return problems + self.damage()
+        from actioncli.store.health import problems
+
+        return problems(self.path)
 
     def damage(self) -> list[str]:
         """What is wrong with the content of the store, a line for each problem."""
-        problems: list[str] = []
-        try:
-            with reading(self.path) as db:
-                if db is not None:
-                    problems.extend(self._damage(db))
-        except StoreError as error:
-            problems.append(str(error))
-        return problems
+        from actioncli.store.health import damage
+
+        return damage(self.path)
 
     def repair(self) -> Repair | None:
         """Put a whole store, with what a damaged one still holds, in its place.
@@ -418,46 +404,7 @@ class SupportStore:
         """
         from actioncli.store.repair import repair
 
-        return repair(self.path, lambda path: SupportStore(path).damage())
-
-    def _damage(self, db: sqlite3.Connection) -> Iterator[str]:
-        for (message,) in db.execute("PRAGMA integrity_check"):
-            if message != "ok":
-                yield f"{self.path} is damaged: {message}. Run `actioncli doctor --repair`."
-        orphans = len(db.execute("PRAGMA foreign_key_check").fetchall())
-        if orphans:
-            yield f"{self.path}: {orphans} embeddings belong to no example; they are not used."
-        for (example,) in db.execute("SELECT id FROM examples ORDER BY id").fetchall():
-            try:
-                read_record(db, self.path, example)
-            except StoreError as error:
-                yield str(error)
-        for name, value, crc in db.execute("SELECT name, value, crc FROM settings"):
-            if not intact_setting(name, value, crc):
-                yield (
-                    f"{self.path}: the calibrated {name} is damaged; `actioncli calibrate --reset` "
-                    "forgets it."
-                )
-        for example in damaged_embeddings(db):
-            yield f"{self.path}: the embedding of example {example} is damaged; it is not used."
-
-    def _settings(self, db: sqlite3.Connection, only: str | None = None) -> dict[str, str]:
-        """All settings, or the one of a name.
-
-        Raises:
-            StoreError: one is not what was set.
-        """
-        settings = {}
-        for name, value, crc in db.execute(
-            "SELECT name, value, crc FROM settings WHERE ?1 IS NULL OR name = ?1", (only,)
-        ):
-            if not intact_setting(name, value, crc):
-                raise StoreError(
-                    f"{self.path}: the calibrated {name} is damaged; `actioncli calibrate --reset` "
-                    "forgets it."
-                )
-            settings[name] = value
-        return settings
+        return repair(self.path)
 
     def _records(self, negative: bool) -> list[Record]:
         with reading(self.path) as db:
