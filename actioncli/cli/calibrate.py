@@ -17,9 +17,10 @@ from actioncli.errors import ClipError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from actioncli.calibration import Rate, Recommendation, Trials
+    from actioncli.calibration import Recommendation
     from actioncli.clips.clip import FloatArray
     from actioncli.recognizer import Recognizer
+    from actioncli.trials import Rate, Trials
 
 _KINDS = {
     "actions": "your examples, to the other actions",
@@ -104,10 +105,11 @@ def calibrate(
         from actioncli.report.figures import check_folder
 
         check_folder(report)
-    from actioncli.calibration import recommend, run_trials
+    from actioncli.calibration import recommend
     from actioncli.enrolment import read_enrolment
     from actioncli.recognizer import Recognizer
     from actioncli.threshold import Threshold, keep_threshold
+    from actioncli.trials import run_trials
 
     recognizer = Recognizer(weights)
     checksum = recognizer.weights.checksum

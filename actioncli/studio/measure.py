@@ -6,8 +6,9 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from actioncli.calibration import Rate, recommend, run_trials
+from actioncli.calibration import recommend
 from actioncli.studio.support import Loaded, SupportSet
+from actioncli.trials import Rate, run_trials
 
 # Positions of the slider.
 STEPS = 100

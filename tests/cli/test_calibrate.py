@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from actioncli import Recognizer, SupportStore
-from actioncli.calibration import KINDS, TAUS
+from actioncli.calibration import TAUS
 from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+from actioncli.trials import KINDS
 
 from .conftest import ACTIONS, EXAMPLES, Invoke
 from .test_json_keys import documented, found
