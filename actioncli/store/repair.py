@@ -83,7 +83,7 @@ def repair(path: Path) -> Repair | None:
             found = _salvage(copy, whole, path)
             if damage(whole):
                 raise StoreError(f"{path}: what could be salvaged is damaged again; is the disk?")
-            kept = _keep(file, path)
+            kept = _keep(file, path, folder)
             if journal.is_file():
                 # A journal belongs to what it can play back, never to the file that comes now.
                 _overwrite(file, copy)
@@ -182,8 +182,11 @@ def _is_newer(copy: Path, expected: list[str]) -> bool:
         return False
 
 
-def _keep(file: BinaryIO, path: Path) -> Path:
-    """Copy the damaged store, and its journal, to a name beside it that is free; that name."""
+def _keep(file: BinaryIO, path: Path, folder: Path) -> Path:
+    """Copy the damaged store, and its journal, to a name beside it that is free; that name.
+
+    What has the name is complete, whenever this is interrupted: it comes from `folder`.
+    """
     number = 1
     while True:
         suffix = ".damaged" if number == 1 else f".damaged-{number}"
@@ -193,16 +196,14 @@ def _keep(file: BinaryIO, path: Path) -> Path:
         if not os.path.lexists(kept) and not os.path.lexists(_beside(kept, "-journal")):
             break
         number += 1
-    try:
-        _copy(file, kept)
-        journal = _beside(path, "-journal")
-        if journal.is_file():
-            with journal.open("rb") as source:
-                _copy(source, _beside(kept, "-journal"))
-    except OSError:
-        for each in (kept, _beside(kept, "-journal")):
-            each.unlink(missing_ok=True)
-        raise
+    copy = folder / "kept.db"
+    _copy(file, copy)
+    journal = _beside(path, "-journal")
+    if journal.is_file():
+        with journal.open("rb") as source:
+            _copy(source, _beside(copy, "-journal"))
+        _beside(copy, "-journal").rename(_beside(kept, "-journal"))
+    copy.rename(kept)
     sync_folder(path.parent)
     return kept
 

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -350,6 +351,32 @@ def test_several_repairs_keep_several_files(store: SupportStore) -> None:
         assert done is not None
         assert done.kept.name == ("support.db.damaged" if turn == 0 else "support.db.damaged-2")
     assert len(store.examples()) == 1
+
+
+def test_an_interrupted_repair_leaves_no_part_of_the_damaged_file(
+    store: SupportStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.enroll_all([("wave", make_clip(seed, 60)) for seed in range(2)])
+    content = flip(store, 0)
+    copies = iter((False, True))
+
+    def die_over_the_second(source: BinaryIO, target: BinaryIO) -> None:
+        # The first one is examined, the second one is what will be kept.
+        if next(copies):
+            target.write(source.read(PAGE))
+            target.flush()
+            os._exit(1)
+        target.write(source.read())
+
+    monkeypatch.setattr(shutil, "copyfileobj", die_over_the_second)
+    assert not succeeded(fork(store.repair))
+    monkeypatch.undo()
+    assert not list(store.path.parent.glob("*.damaged*"))
+    assert store.path.read_bytes() == content
+    done = store.repair()
+    assert done is not None
+    assert done.kept.name == "support.db.damaged"
+    assert done.kept.read_bytes() == content
 
 
 def test_repair_waits_for_nobody_who_writes(store: SupportStore) -> None:
