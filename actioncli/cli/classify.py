@@ -24,12 +24,13 @@ from actioncli.cli.options import (
 )
 from actioncli.cli.output import error_entry, number, printable, progress, say, table, write_json
 from actioncli.cli.processes import cores, in_processes
-from actioncli.cli.reading import Reading, named_clips, or_error, report_bad_clip, sharing
+from actioncli.cli.reading import named_clips, or_error, report_bad_clip, sharing
 from actioncli.cli.video import check_annotation, write_annotation
 from actioncli.errors import ClipError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
+    from actioncli.pose.poses import Poses
     from actioncli.recognizer import Decision
 
 # Files of joints that are classified together, at most.
@@ -116,9 +117,22 @@ def classify(
         )
         return [known.threshold.apply(decision) for decision in found]
 
+    seen: dict[Path, Poses] = {}
+
+    def read(path: Path, shown: bool) -> Clip:
+        if annotate is None:
+            return reading.read(path, shown)
+        from actioncli.pose.video import clip_of
+
+        # The video is looked at once, for the decision and for the drawing.
+        seen[path] = reading.poses(path)
+        return clip_of(seen[path], path, whole=cut_out)
+
     shown = not (streams or settings.quiet)
     drawn = annotate is not None or explain is not None
-    for path, outcome, milliseconds in _decided(named_clips(clips), reading, decide, shown, drawn):
+    paths = named_clips(clips)
+    together = sharing(paths, reading.metrabs)
+    for path, outcome, milliseconds in _decided(paths, read, decide, together, shown, drawn):
         if isinstance(outcome, ClipError):
             failed += 1
             report_bad_clip(outcome)
@@ -126,7 +140,7 @@ def classify(
             continue
         clip, decision = outcome
         if annotate is not None:
-            write_annotation(reading, path, annotate, decision)
+            write_annotation(path, annotate, seen[path], decision, shown=reading.shown)
         if explain is not None and clip is not None:
             explain_decision(settings, recognizer, clip, decision, explain)
         rejected += not decision.accepted
@@ -154,14 +168,17 @@ def classify(
 
 def _decided(
     paths: Sequence[Path],
-    reading: Reading,
+    read: Callable[[Path, bool], Clip],
     decide: Callable[[Sequence[Clip]], list[Decision]],
+    together: int,
     shown: bool,
     with_clip: bool,
 ) -> Iterator[tuple[Path, tuple[Clip | None, Decision] | ClipError, float]]:
     """Read and decide, many files of joints at a time, in as many processes as there are cores.
 
     Args:
+        read: reads a clip; the second argument says whether a video may show how far it is read.
+        together: in how many processes to read videos.
         shown: whether to show a progress bar; a video that is read alone has one of its own.
         with_clip: whether the clips are wanted too, which are large to hand on.
 
@@ -171,17 +188,14 @@ def _decided(
     from actioncli.media import is_video
 
     videos = any(map(is_video, paths))
-    processes = sharing(paths, reading.metrabs) if videos else cores()
+    processes = together if videos else cores()
     size = 1 if videos else min(_BATCH, -(-len(paths) // processes) or 1)
     one_by_one = videos and processes == 1
     batches = [paths[at : at + size] for at in range(0, len(paths), size)]
 
     def of_batch(number: int) -> tuple[list[tuple[Clip | None, Decision] | ClipError], float]:
         begun = time.perf_counter()
-        outcomes = [
-            or_error(lambda path: reading.read(path, shown=one_by_one), path)
-            for path in batches[number]
-        ]
+        outcomes = [or_error(lambda path: read(path, one_by_one), path) for path in batches[number]]
         clips = [clip for clip in outcomes if not isinstance(clip, ClipError)]
         decisions: list[Decision | ClipError]
         try:

@@ -15,6 +15,7 @@ from actioncli.errors import ClipError
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.pose.metrabs import PoseModel
+    from actioncli.pose.poses import Poses
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -65,6 +66,21 @@ class Reading:
                 cache=self.cache,
                 metrabs=self.metrabs,
                 progress=progress,
+            )
+
+    def poses(self, path: Path) -> Poses:
+        """What `read` makes the clip of a video of, BlazePose having seen it.
+
+        Raises:
+            ClipError: it cannot be read.
+        """
+        from actioncli.cli.video import video_progress
+        from actioncli.pose.video import DEFAULT_QUALITY, read_poses
+
+        quality = self.quality or DEFAULT_QUALITY
+        with video_progress(path, shown=self.shown) as progress:
+            return read_poses(
+                path, self.start, self.end, quality, self.person, self.cache, progress
             )
 
 

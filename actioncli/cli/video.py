@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
-    from actioncli.cli.reading import Reading
+    from actioncli.pose.poses import Poses
     from actioncli.pose.video import Progress
     from actioncli.recognizer import Decision
 
@@ -90,23 +90,23 @@ def check_place(output: Path) -> None:
         raise UsageError(f"{output}: there is no folder {output.parent}.")
 
 
-def write_annotation(reading: Reading, video: Path, output: Path, decision: Decision) -> None:
+def write_annotation(
+    video: Path, output: Path, poses: Poses, decision: Decision, *, shown: bool
+) -> None:
     """Draw skeleton, label, confidence and tau on a video that was just classified.
+
+    Args:
+        shown: whether to show progress.
 
     Raises:
         ClipError: the file cannot be written.
     """
     from actioncli.pose.annotate import annotate_video
-    from actioncli.pose.video import DEFAULT_QUALITY, read_poses
 
     sign = ">" if decision.confidence > decision.tau else "<="
     verdict = (
         f"rejected (nearest: {decision.nearest})" if decision.label is None else decision.label
     )
     lines = [verdict, f"confidence {decision.confidence:.2f} {sign} tau {decision.tau:.2f}"]
-    quality = reading.quality or DEFAULT_QUALITY
-    asked = (reading.start, reading.end, quality, reading.person, reading.cache)
-    with video_progress(video, shown=reading.shown) as progress:
-        poses = read_poses(video, *asked, progress)
-    with video_progress(output, shown=reading.shown) as progress:
+    with video_progress(output, shown=shown) as progress:
         annotate_video(video, output, poses, lines, progress)

@@ -24,6 +24,7 @@ from actioncli import SupportStore, read_clip
 from actioncli.cli import camera
 from actioncli.cli.processes import cores
 from actioncli.pose import stream
+from actioncli.pose import video as pose_video
 from actioncli.pose.active import cut
 from actioncli.pose.frames import Frame, VideoFile
 
@@ -61,6 +62,28 @@ def test_annotate(invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: 
     done = invoke("classify", waving, "--annotate", output, "--tau", 1)
     assert done.exit_code == 1  # nothing is surer than that
     assert len(list(VideoFile(output).frames())) == 20
+
+
+def test_a_video_is_looked_at_once(
+    invoke: Invoke,
+    filled: SupportStore,
+    waving: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looks = []
+    look = pose_video._estimate
+    monkeypatch.setattr(
+        pose_video, "_estimate", lambda *given: looks.append(given[0].path) or look(*given)
+    )
+    part = ("--start", 0.2, "--end", 1.5)
+    plain = invoke("classify", waving, *part, "--json", "--no-cache")
+    drawn = invoke(
+        "classify", waving, *part, "--json", "--no-cache", "--annotate", tmp_path / "seen.mp4"
+    )
+    assert looks == [waving, waving]
+    (one,), (other,) = (json.loads(done.stdout)["clips"] for done in (plain, drawn))
+    assert {**one, "ms": 0} == {**other, "ms": 0}
 
 
 @pytest.mark.parametrize(
