@@ -21,7 +21,8 @@ class Enrolment:
         support: embeddings (n, F, E) of each action's examples.
         negatives: embeddings (N, F, E) of what must never be accepted.
         threshold: what confidence must exceed.
-        kept: the threshold that the store keeps, of whatever weights; None without.
+        kept: the threshold that the store keeps, of whatever weights; None without, or where
+            another one was given.
         durations: seconds, the mean of each action's examples.
     """
 
@@ -38,7 +39,7 @@ def read_enrolment(
     """Read a store; what is not embedded yet is embedded.
 
     Args:
-        tau: instead of the threshold that the store keeps.
+        tau: instead of the threshold that the store keeps, which then may be damaged.
 
     Raises:
         SupportError: nothing is enrolled.
@@ -50,9 +51,10 @@ def read_enrolment(
             "the support set is empty; enrol an action first: actioncli enroll LABEL CLIP"
         )
     negatives = stored_negatives(store, recognizer)
-    threshold, kept = used_threshold(store, recognizer)
-    if tau is not None:
-        threshold = Threshold(tau, recognizer.weights.checksum)
+    if tau is None:
+        threshold, kept = used_threshold(store, recognizer)
+    else:
+        threshold, kept = Threshold(tau, recognizer.weights.checksum), None
     actions = [action for action in store.actions() if not action.negative]
     durations = [action.seconds / action.examples for action in actions]
     return Enrolment(support, negatives, threshold, kept, durations)
