@@ -31,6 +31,10 @@ def shared() -> Path:
 
 @pytest.fixture
 def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Programs that are started here import nothing to measure their coverage with."""
+    """Programs that are started here import nothing to measure their coverage with.
+
+    Where they are interrupted it must be so: Ctrl-C can come while the tracer holds its lock, and
+    then it waits for itself for ever.
+    """
     for name in ("COVERAGE_PROCESS_START", "COVERAGE_PROCESS_CONFIG"):
         monkeypatch.delenv(name, raising=False)

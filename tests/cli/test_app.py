@@ -152,6 +152,7 @@ def test_labels_that_the_terminal_cannot_show_are_escaped(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+@pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("command", ["classify", "enroll"])
 def test_ctrl_c_ends_with_130_and_leaves_nothing_half_done(
     filled: SupportStore, tmp_path: Path, command: str

@@ -89,6 +89,7 @@ for _ in in_processes(lambda task: time.sleep(0.05), 10_000, 3):
 """
 
 
+@pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_processes_end_with_the_first_one(how: signal.Signals) -> None:
     first = subprocess.Popen(

@@ -85,6 +85,7 @@ def begin_upload(address: str) -> http.client.HTTPConnection:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_serves_until_it_is_ended_and_leaves_nothing(
     start: Start, home: Path, number: int
@@ -169,6 +170,7 @@ def test_what_cannot_be_served_is_told(
     assert "the page needs uvicorn: pip install 'actioncli[studio]'" in lacking.stderr
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_path: Path) -> None:
     folder = tmp_path / "seen"
     clip = read_clip(EXAMPLES / "squat/ada.npz")

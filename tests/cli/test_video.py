@@ -229,6 +229,7 @@ def test_ctrl_c_while_a_video_is_read_leaves_nothing(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
+@pytest.mark.usefixtures("unmeasured")
 def test_ctrl_c_ends_watching(filled: SupportStore, waving: Path, interruptible: None) -> None:
     sent = threading.Event()
 
