@@ -69,13 +69,15 @@ def test_a_threshold_counts_for_the_weights_that_it_was_measured_with(
     keep_threshold(store, measured)
     threshold, kept = used_threshold(store, recognizer)
     assert threshold is kept
-    assert read_enrolment(store, recognizer).threshold == measured
+    found = read_enrolment(store, recognizer)
+    assert (found.threshold, found.kept) == (measured, measured)
     foreign = Threshold(0.9, "others", {"squat": 0.8})
     keep_threshold(store, foreign)
     assert used_threshold(store, recognizer) == (
         Threshold(DEFAULT_TAU, recognizer.weights.checksum),
         foreign,
     )
+    assert read_enrolment(store, recognizer).kept == foreign
 
 
 def test_tau_wins_over_what_is_kept(store: SupportStore, recognizer: Recognizer) -> None:
