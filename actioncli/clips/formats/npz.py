@@ -7,7 +7,7 @@ import zipfile
 import zlib
 from collections.abc import Container, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from numpy.typing import NDArray
 
@@ -71,7 +71,8 @@ def read_arrays(
                 if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                     raise ClipError(f"{file}: is compressed in a way that numpy.savez never uses.")
                 # The library answers each read by many calls of its own: headers are small reads.
-                with io.BufferedReader(archive.open(info), _AT_ONCE) as stream:  # type: ignore[type-var]
+                member = cast("io.RawIOBase", archive.open(info))
+                with io.BufferedReader(member, _AT_ONCE) as stream:
                     where = f"{file} ({info.filename})"
                     arrays[name] = read_array(stream, read_header(stream, where), where)
             return arrays
