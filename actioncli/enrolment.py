@@ -32,6 +32,11 @@ class Enrolment:
     kept: Threshold | None
     durations: list[float]
 
+    @property
+    def foreign(self) -> Threshold | None:
+        """The kept threshold, if it belongs to other weights and so does not count."""
+        return None if self.kept is self.threshold else self.kept
+
 
 def read_enrolment(
     store: SupportStore, recognizer: Recognizer, tau: float | None = None

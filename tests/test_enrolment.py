@@ -70,14 +70,16 @@ def test_a_threshold_counts_for_the_weights_that_it_was_measured_with(
     threshold, kept = used_threshold(store, recognizer)
     assert threshold is kept
     found = read_enrolment(store, recognizer)
-    assert (found.threshold, found.kept) == (measured, measured)
+    assert (found.threshold, found.kept, found.foreign) == (measured, measured, None)
     foreign = Threshold(0.9, "others", {"squat": 0.8})
     keep_threshold(store, foreign)
     assert used_threshold(store, recognizer) == (
         Threshold(DEFAULT_TAU, recognizer.weights.checksum),
         foreign,
     )
-    assert read_enrolment(store, recognizer).kept == foreign
+    found = read_enrolment(store, recognizer)
+    assert found.kept is found.foreign
+    assert found.foreign == foreign
 
 
 def test_tau_wins_over_what_is_kept(store: SupportStore, recognizer: Recognizer) -> None:
@@ -86,7 +88,7 @@ def test_tau_wins_over_what_is_kept(store: SupportStore, recognizer: Recognizer)
     for tau in (0.0, 0.2):
         found = read_enrolment(store, recognizer, tau)
         assert found.threshold == Threshold(tau, recognizer.weights.checksum)
-        assert found.kept is None
+        assert found.kept is found.foreign is None
 
 
 def test_nothing_enrolled(tmp_path: Path, recognizer: Recognizer) -> None:

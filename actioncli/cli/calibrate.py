@@ -125,8 +125,8 @@ def calibrate(
         )
         found = recommend(trials, target_far, per_action)
         notes = list(found.notes)
-        if known.kept is not None and known.kept.weights != checksum:
-            last = known.kept.tau
+        if known.foreign is not None:
+            last = known.foreign.tau
             notes.append(f"The kept threshold, {last:g}, was measured with other weights.")
         if not dry_run:
             keep_threshold(

@@ -34,9 +34,9 @@ def enrolled(
     from actioncli.enrolment import read_enrolment
 
     found = read_enrolment(store, recognizer, None if tau is None else checked_tau(tau))
-    if tau is None and found.kept is not None and found.kept is not found.threshold:
+    if found.foreign is not None:
         settings.tell(
-            f"note: the calibrated tau, {found.kept.tau:g}, belongs to other weights; tau is "
+            f"note: the calibrated tau, {found.foreign.tau:g}, belongs to other weights; tau is "
             f"{found.threshold.tau:g} until `actioncli calibrate` measures it anew."
         )
     return found
