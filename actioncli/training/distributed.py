@@ -8,6 +8,7 @@ process's business.
 
 from __future__ import annotations
 
+import atexit
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -134,4 +135,7 @@ def joined() -> Processes:
     processes = launched()
     if processes.count > 1 and not distributed.is_initialized():
         distributed.init_process_group("gloo")
+        # Otherwise its threads may outlive what they use: a process then crashes at its end, now
+        # and then, and torchrun kills the first one, which may not have written the weights yet.
+        atexit.register(distributed.destroy_process_group)
     return processes

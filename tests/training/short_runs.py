@@ -1,11 +1,13 @@
 """Short runs on the small world, for `torchrun`: short_runs.py FOLDER.
 
 Writes NAME.safetensors and NAME.json, the loss of each step, for each of `RUNS`. The run `cut` is
-interrupted after some steps and leaves its checkpoint.
+interrupted after some steps and leaves its checkpoint. RANK.ended tells whether a process had left
+the others when it ended.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import json
 import os
@@ -53,6 +55,12 @@ def losses_of(name: str, folder: Path) -> list[float]:
 def main(folder: Path) -> None:
     """All runs, one after another."""
     torch.set_num_threads(1)
+    # What is registered first is called last.
+    atexit.register(
+        lambda: (folder / f"{os.environ['RANK']}.ended").write_text(
+            str(not torch.distributed.is_initialized())
+        )
+    )
     for name in RUNS:
         losses = []
         with contextlib.suppress(KeyboardInterrupt):

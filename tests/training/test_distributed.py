@@ -36,7 +36,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("two")
     ran = torchrun(FOLDER / "short_runs.py", folder)
     assert ran.returncode == 0, ran.stderr
-    assert "arning" not in ran.stderr
+    assert "arning" not in ran.stderr, ran.stderr
     return folder
 
 
@@ -56,6 +56,11 @@ def test_losses_and_weights_are_those_of_one_process(two: Path, tmp_path: Path, 
     np.testing.assert_allclose(shared, alone, rtol=0, atol=1e-4)
     assert len(alone) == short_runs.RUNS[name].steps
     assert_same_tensors(tmp_path / f"{name}.safetensors", two / f"{name}.safetensors")
+
+
+def test_processes_leave_each_other_before_they_end(two: Path) -> None:
+    # One that does not crashes now and then, and torchrun kills the others.
+    assert [(two / f"{rank}.ended").read_text() for rank in (0, 1)] == ["True", "True"]
 
 
 def test_bfloat16_is_the_same_for_the_same_weights(two: Path, tmp_path: Path) -> None:
