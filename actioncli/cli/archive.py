@@ -55,11 +55,11 @@ def import_(
     JSON keys:
       file, added, skipped, threshold_taken
     """
-    from actioncli.store.archive import read_settings
+    from actioncli.store.archive import carried_settings
 
     with settings.open_store() as store:
         added, skipped = store.import_(file)
-        carried = read_settings(file)
+        carried = carried_settings(file)
         taken = bool(carried) and all(store.setting(name) == carried[name] for name in carried)
     if settings.json:
         write_json(

@@ -142,7 +142,7 @@ def read_archive(path: Path) -> Iterator[Record]:
         raise system_fault(path, error, "cannot be read") from error
 
 
-def read_settings(path: Path) -> dict[str, str]:
+def carried_settings(path: Path) -> dict[str, str]:
     """The settings of an archive, name to value; their meaning is not checked.
 
     Raises:

@@ -333,8 +333,7 @@ class SupportStore:
         Raises:
             StoreError: the file cannot be read as an export, or clashes with the store.
         """
-        from actioncli.store.archive import read_archive
-        from actioncli.store.archive import read_settings as carried_settings
+        from actioncli.store.archive import carried_settings, read_archive
 
         path = Path(path).absolute()
         # Once to the end before the store is created or locked, and once more to add.

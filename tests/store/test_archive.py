@@ -415,7 +415,7 @@ def test_settings_travel_and_are_read_with_suspicion(
     whole = file.read_bytes()
     assert header_of(whole)["__metadata__"]["version"] == "2"
     assert header_of(content)["__metadata__"]["version"] == "1"
-    assert archive.read_settings(file) == {"threshold": "0.25"}
+    assert archive.carried_settings(file) == {"threshold": "0.25"}
     load_file(file)
     other = SupportStore(tmp_path / "other.db")
     other.import_(file)
