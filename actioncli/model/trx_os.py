@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from actioncli.model.arrays import Array, Params, namespace
+from actioncli.model.arrays import Array, Params, dot, namespace, total
 from actioncli.model.config import ModelConfig
 
 
@@ -236,9 +236,8 @@ def prototypes(weights: Array, values: Array) -> Array:
     Returns:
         (..., P, W).
     """
-    xp = namespace(weights)
     # Normalising the product instead of the weights divides W instead of n·P numbers a row.
-    return weights @ values / xp.sum(weights, axis=-1, keepdims=True)
+    return weights @ values / total(weights)
 
 
 def distance(config: ModelConfig, difference: Array) -> Array:
@@ -254,7 +253,7 @@ def distance(config: ModelConfig, difference: Array) -> Array:
         (...).
     """
     xp = namespace(difference)
-    squared = xp.sum(difference * difference, axis=-1)
+    squared = dot(difference, difference)
     if config.distance == "l2":
         squared = xp.sqrt(squared + 1e-6)
     return xp.mean(squared, axis=-1)
@@ -296,8 +295,9 @@ def discriminator(params: Params, difference: Array) -> Array:
 def layer_norm(x: Array, scale: Array, shift: Array) -> Array:
     """Zero mean and unit variance along the last axis, then scaled and shifted."""
     xp = namespace(x)
-    centred = x - xp.mean(x, axis=-1, keepdims=True)
-    variance = xp.mean(centred * centred, axis=-1, keepdims=True)
+    numbers = x.shape[-1]
+    centred = x - total(x) / numbers
+    variance = dot(centred, centred)[..., None] / numbers
     return centred / xp.sqrt(variance + 1e-5) * scale + shift
 
 
@@ -310,7 +310,11 @@ def relu(x: Array) -> Array:
 
 
 def _linear(params: Params, name: str, x: Array) -> Array:
-    return x @ params[f"{name}.weight"] + params[f"{name}.bias"]
+    """A layer. Its rows are put below each other: numpy would multiply a matrix for each clip."""
+    weight = params[f"{name}.weight"]
+    xp = namespace(x)
+    rows = xp.reshape(x, (-1, x.shape[-1])) @ weight + params[f"{name}.bias"]
+    return xp.reshape(rows, (*x.shape[:-1], weight.shape[1]))
 
 
 def _normed(params: Params, name: str, x: Array) -> Array:
