@@ -173,7 +173,7 @@ def midpoints(joints: FloatArray, columns: Sequence[tuple[int, ...]]) -> FloatAr
     means = joints[:, [group[0] for group in columns]]
     for at, group in enumerate(columns):
         if len(group) > 1:
-            means[:, at] = joints[:, list(group)].mean(axis=1)
+            means[:, at] = sum(joints[:, column] for column in group) / len(group)
     return means
 
 

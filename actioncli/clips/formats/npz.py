@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import os
 import zipfile
 import zlib
 from collections.abc import Container, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import IO, Any, cast
 
 from numpy.typing import NDArray
 
@@ -56,9 +57,20 @@ def read_arrays(
     Raises:
         ClipError: the archive is damaged, or an array is (see `npy.read_header`).
     """
-    _check_directory(file)
+    with file.open("rb") as opened:
+        # The library reads many small pieces, and each would be a call of the system.
+        small = os.fstat(opened.fileno()).st_size <= MEGABYTE
+        stream: IO[bytes] = io.BytesIO(opened.read()) if small else opened
+        _check_directory(stream, file)
+        return _members(stream, file, wanted, need, only_array)
+
+
+def _members(
+    stream: IO[bytes], file: Path, wanted: Container[str], need: str, only_array: bool
+) -> Mapping[str, NDArray[Any]]:
+    """`read_arrays` of an archive that is open."""
     try:
-        with zipfile.ZipFile(file) as archive:
+        with zipfile.ZipFile(stream) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             chosen = {name: info for name, info in members.items() if name in wanted}
             if only_array and len(members) == 1 and not chosen:
@@ -84,18 +96,16 @@ def read_arrays(
         raise ClipError(f"{file}: is a damaged .npz archive: {error}.") from error
 
 
-def _check_directory(file: Path) -> None:
+def _check_directory(stream: IO[bytes], file: Path) -> None:
     """Refuse what is not a plain archive, before the library reads its directory."""
-    with file.open("rb") as stream:
-        beginning = stream.read(len(MAGIC))
-        if not beginning.startswith(b"PK"):
-            raise ClipError(
-                f"{file}: is not an .npz archive (it does not begin as one); save it by "
-                "numpy.savez."
-            )
-        size = stream.seek(0, 2)
-        stream.seek(max(0, size - _END_LENGTH - _LARGE_ARCHIVE_LENGTH))
-        before, end = stream.read(_LARGE_ARCHIVE_LENGTH), stream.read()
+    beginning = stream.read(len(MAGIC))
+    if not beginning.startswith(b"PK"):
+        raise ClipError(
+            f"{file}: is not an .npz archive (it does not begin as one); save it by numpy.savez."
+        )
+    size = stream.seek(0, 2)
+    stream.seek(max(0, size - _END_LENGTH - _LARGE_ARCHIVE_LENGTH))
+    before, end = stream.read(_LARGE_ARCHIVE_LENGTH), stream.read()
     if (
         not end.startswith(_END)
         or before.startswith(_LARGE_ARCHIVE)
