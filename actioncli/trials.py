@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,7 +89,7 @@ class Queries:
         motion: (N,) queries with the same number show the same motion.
     """
 
-    score: NDArray[np.float64]
+    score: FloatArray
     nearest: NDArray[np.intp]
     motion: NDArray[np.intp]
 
@@ -202,7 +203,7 @@ def run_trials(
     own = (np.arange(n), shown)
     apart = distance[:n].copy()
     apart[own] = np.inf
-    asked = slice(0, n if len(counts) > 1 else 0)  # one action leaves no other to be taken for
+    asked = slice(n if len(counts) > 1 else 0)  # one action leaves no other to be taken for
     unknown["actions"] = _decide(apart[asked], confidence[asked], shadow[asked], motion[asked])
 
     left = np.flatnonzero(np.asarray(counts)[shown] > 1)
@@ -234,17 +235,17 @@ def _compare(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Distance and confidence (Q, K), and the distance to the nearest other negative (Q,)."""
     apart = {str(n): negatives[n : n + 1] for n in range(len(negatives))}
-    rows = []
+    distances, confidences, shadows = [], [], []
     for start in progress(range(0, len(queries), _BATCH)):
         batch = queries[start : start + _BATCH]
         compared = recognizer.compare(batch, support)
-        shadow = np.full(len(batch), np.inf, np.float32)
+        distances.append(compared.distance)
+        confidences.append(compared.confidence)
+        away: NDArray[Any] = np.zeros((len(batch), 0))
         if apart:
-            distance = recognizer.compare(batch, apart).distance
-            same = [[np.array_equal(query, negative) for negative in negatives] for query in batch]
-            shadow = np.where(same, np.float32(np.inf), distance).min(axis=1)
-        rows.append((compared.distance, compared.confidence, shadow))
-    distances, confidences, shadows = zip(*rows, strict=True)
+            away = recognizer.compare(batch, apart).distance
+        same = [[np.array_equal(query, negative) for negative in negatives] for query in batch]
+        shadows.append(np.where(same, np.inf, away).min(axis=1, initial=np.inf))
     return np.concatenate(distances), np.concatenate(confidences), np.concatenate(shadows)
 
 
@@ -259,4 +260,4 @@ def _decide(
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(nearest))
     score = np.where(shadow < distance[rows, nearest], 0.0, confidence[rows, nearest])
-    return Queries(score.astype(np.float64), nearest, motion)
+    return Queries(score, nearest, motion)

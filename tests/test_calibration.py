@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actioncli import Recognizer, read_collection
+from actioncli import Recognizer, calibration, read_collection
 from actioncli.calibration import recommend
 from actioncli.trials import KINDS, Queries, Rate, Trials, run_trials
 
@@ -104,7 +104,11 @@ def test_clips_of_one_motion_are_not_many_motions() -> None:
 def test_too_few_clips_are_told() -> None:
     found = recommend(trials_of([(0.9, 0)] * 18), 0.05)
     assert (found.tau, found.measured, found.actions) == (0.5, False, {})
-    assert any("Too few" in note and "18" in note and "19" in note for note in found.notes)
+    assert found.notes[-1] == (
+        "Too few motions other than the actions to tell: 18, and a false accept rate of 0.05 needs "
+        "19. Examples of one action count as one motion. Keep clips of other motions with "
+        "`actioncli enroll --negative CLIP...`, or name some with --negatives."
+    )
     assert recommend(trials_of([(0.9, 0)] * 19), 0.05).measured
     for target in (0.05, 1 - 1e-12):
         empty = recommend(trials_of([]), target)
@@ -121,20 +125,77 @@ def test_a_large_cohort_does_not_outvote_what_the_user_showed() -> None:
     assert (enough.tau, enough.notes[1:]) == (0.8, ())
     few = recommend(trials_of([], negatives=[(0.8, 1)] * 10, cohort=cohort), 0.05)
     assert few.tau == 0.1
-    assert any("`negatives`" in note and "10 of 19" in note for note in few.notes)
+    assert "Too few motions of the kind `negatives` to tell by themselves: 10 of 19." in few.notes
+    one = recommend(trials_of([], negatives=[(0.8, 1)], cohort=cohort), 0.05)
+    assert any("`negatives`" in note and "1 of 19" in note for note in one.notes)
 
 
 def test_full_confidence_in_strangers_has_no_threshold() -> None:
     found = recommend(trials_of([(1.0, 0)] * 30), 0.05)
-    assert (found.tau, found.measured) == (0.5, False)
-    assert any("No threshold below 1" in note for note in found.notes)
+    assert (found.tau, found.measured, found.actions) == (0.5, False, {})
+    assert found.notes[-1] == (
+        "No threshold below 1 holds false accepts at 0.05: motions other than the actions are "
+        "taken for one with full confidence. Enrol clips of such with `actioncli enroll --negative "
+        "CLIP...`."
+    )
+
+
+MANY = [(0.2, 0)] * 200
+SEEN = [(0.9, 0, 0), (0.9, 1, 1)]
 
 
 def test_wide_intervals_are_told() -> None:
-    vague = recommend(trials_of([(0.2, 0)] * 20, known=[(0.9, 0, 0)] * 3), 0.05)
-    assert sum("are few" in note for note in vague.notes) == 2
-    sure = recommend(trials_of([(0.2, 0)] * 200, known=[(0.9, 0, 0), (0.9, 1, 1)] * 30), 0.05)
-    assert sure.notes == ()
+    vague = recommend(trials_of([(0.2, 0)] * 20, known=SEEN[:1] * 3 + SEEN[1:]), 0.05)
+    assert vague.notes == (
+        "20 motions other than the actions are few: the rate of false accepts may be anything "
+        "from 0.00 to 0.16.",
+        "4 examples that have others of their action are few: the rate of false rejects may be "
+        "anything from 0.00 to 0.49.",
+    )
+    assert recommend(trials_of(MANY, known=SEEN * 30), 0.05).notes == ()
+
+
+def test_the_interval_that_is_told_is_that_of_the_recommended_threshold() -> None:
+    # One of 20 is accepted.
+    (told,) = recommend(trials_of([(0.9, 0)] + [(0.2, 0)] * 19, known=SEEN * 30), 0.1).notes
+    assert told.endswith("from 0.01 to 0.24.")
+
+
+def test_what_is_wide() -> None:
+    widest = Rate(0, 20, 20).interval[1]
+    for target, notes in ((widest / 2, 0), (widest / 2 - 1e-6, 1), (widest / 2.5, 1)):
+        found = recommend(trials_of([(0.2, 0)] * 20, known=SEEN * 30), target)
+        assert len(found.notes) == notes
+    # The width counts, not the rate; and half of one's own examples are not more than half.
+    half = [(0.9, 0, 0)] * 30 + [(0.1, 1, 1)] * 30
+    assert recommend(trials_of(MANY, known=half), 0.05).notes == ()
+
+
+def test_a_width_of_just_the_limit_is_not_wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    low, high = Rate(0, 60, 60).interval
+    for limit, notes in ((high - low, 0), (math.nextafter(high - low, 0), 1)):
+        monkeypatch.setattr(calibration, "_VAGUE", limit)
+        assert len(recommend(trials_of(MANY, known=SEEN * 30), 0.05).notes) == notes
+
+
+def test_a_threshold_that_rejects_most_of_ones_own_is_told() -> None:
+    own = [(0.1, 0, 0)] * 40 + [(0.9, 1, 1)] * 39
+    (told,) = recommend(trials_of(MANY, known=own), 0.05).notes
+    assert told == (
+        "This threshold rejects 40 of 79 of your own examples. What is taken for an action without "
+        "being one is better enrolled with `actioncli enroll --negative CLIP...` than kept out by "
+        "a threshold."
+    )
+
+
+def test_false_rejects_that_cannot_be_told_are_named() -> None:
+    (told,) = recommend(trials_of(MANY), 0.05).notes
+    assert told == (
+        "False rejects cannot be told: every action has one example, and it takes another to ask. "
+        "Enrol a second one of each."
+    )
+    (told,) = recommend(trials_of(MANY, known=[(0.9, 0, 0)] * 60), 0.05).notes
+    assert told == "1 of 2 actions have one example: false rejects of these cannot be told."
 
 
 def test_actions_get_thresholds_of_their_own_where_clips_suffice() -> None:
@@ -143,7 +204,10 @@ def test_actions_get_thresholds_of_their_own_where_clips_suffice() -> None:
     assert recommend(trials, 0.05).actions == {}
     found = recommend(trials, 0.05, per_action=True)
     assert (found.tau, found.actions) == (0.7, {"a": 0.3})
-    assert any("1 of 2 actions" in note for note in found.notes)
+    assert found.notes[-1] == (
+        "1 of 2 actions have too few other motions near them for a threshold of their own (19 are "
+        "needed); the common one holds for them."
+    )
     taus = [0.3, 0.7]
     assert trials.false_accepts(taus) == Rate(0, 40, 40)
     # The threshold is that of the nearest action, not of the one that is shown.

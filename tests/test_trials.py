@@ -138,7 +138,7 @@ def test_one_action_meets_no_other(
 
 def test_nothing_enrolled(recognizer: Recognizer) -> None:
     none = recognizer.embed([])
-    with pytest.raises(SupportError, match="empty"):
+    with pytest.raises(SupportError, match=r"^the support set is empty; enrol an action first\.$"):
         run_trials(recognizer, {}, none, none)
 
 
