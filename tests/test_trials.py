@@ -78,15 +78,17 @@ def test_queries_are_answered_as_classify_answers_them(
         assert decision.accepted == (decision.confidence > 0 and not decision.shadowed)
         return decision.confidence if decision.accepted else 0.0
 
-    known, strangers = [], []
-    for label, examples in support.items():
+    known, shown, strangers = [], [], []
+    for number, (label, examples) in enumerate(support.items()):
         others_only = {name: each for name, each in support.items() if name != label}
         for n, example in enumerate(examples):
             rest = np.delete(examples, n, axis=0)
             if len(rest):
                 known.append(told(example, {**support, label: rest}, negatives))
+                shown.append(number)
             strangers.append(told(example, others_only, negatives))
     np.testing.assert_allclose(trials.known.score, known, rtol=1e-4, atol=1e-6)
+    np.testing.assert_array_equal(trials.shown, shown)
     np.testing.assert_allclose(trials.unknown["actions"].score, strangers, rtol=1e-4, atol=1e-6)
     clips = trials.false_accepts(0, "actions")
     assert (clips.of, clips.motions) == (len(strangers), len(support))
