@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,11 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 
 @pytest.fixture(scope="module")
 def recognizer() -> Recognizer:
-    return Recognizer()
+    """With a part of the cohort, which is asked in two pieces."""
+    whole = Recognizer().weights
+    return Recognizer(
+        replace(whole, tensors={**whole.tensors, "cohort": whole.tensors["cohort"][:70]})
+    )
 
 
 @pytest.fixture(scope="module")
