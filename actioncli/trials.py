@@ -107,7 +107,7 @@ class Queries:
 
     def accepted(self, tau: ArrayLike) -> NDArray[np.bool_]:
         """(N,), under one threshold or under those of the K actions."""
-        taus = np.asarray(tau, np.float64)
+        taus = np.asarray(tau)
         accepted: NDArray[np.bool_] = self.score > (taus[self.nearest] if taus.ndim else taus)
         return accepted
 
@@ -213,7 +213,7 @@ def run_trials(
         action = int(shown[example])
         label = list(support)[action]
         rest = np.delete(support[label], example - first[action], axis=0)
-        compared = recognizer.compare(examples[example : example + 1], {label: rest})
+        compared = recognizer.compare(examples[[example]], {label: rest})
         rows[example, action] = compared.distance[0, 0]
         sure[example, action] = compared.confidence[0, 0]
     return Trials(
@@ -241,11 +241,12 @@ def _compare(
         compared = recognizer.compare(batch, support)
         distances.append(compared.distance)
         confidences.append(compared.confidence)
-        away: NDArray[Any] = np.zeros((len(batch), 0))
+        shadow: NDArray[Any] = np.full(len(batch), np.inf)
         if apart:
             away = recognizer.compare(batch, apart).distance
-        same = [[np.array_equal(query, negative) for negative in negatives] for query in batch]
-        shadows.append(np.where(same, np.inf, away).min(axis=1, initial=np.inf))
+            same = [[np.array_equal(query, negative) for negative in negatives] for query in batch]
+            shadow = np.where(same, np.inf, away).min(axis=1)
+        shadows.append(shadow)
     return np.concatenate(distances), np.concatenate(confidences), np.concatenate(shadows)
 
 

@@ -141,6 +141,19 @@ def test_one_action_meets_no_other(
     trials = run_trials(recognizer, {"squat": folders["squat"]}, none, none)
     assert len(trials.unknown["actions"]) == 0
     assert trials.false_rejects(1) == Rate(3, 3, 3)
+    two = {name: folders[name] for name in ("squat", "bow")}
+    met = run_trials(recognizer, two, none, none).unknown["actions"]
+    assert len(met) == sum(map(len, two.values()))
+
+
+def test_an_example_may_be_nearer_to_another_action_than_to_the_rest_of_its_own(
+    recognizer: Recognizer, folders: Mapping[str, FloatArray]
+) -> None:
+    none = recognizer.embed([])
+    mixed = np.concatenate([folders["bow"][:1], folders["squat"][:1]])
+    trials = run_trials(recognizer, {"mixed": mixed, "squat": folders["squat"][1:]}, none, none)
+    assert trials.known.nearest[1] == 1
+    assert trials.misnamed(0).count >= 1
 
 
 def test_nothing_enrolled(recognizer: Recognizer) -> None:
