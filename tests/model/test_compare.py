@@ -18,6 +18,7 @@ from actioncli.model import compare, trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import embed
 from actioncli.model.features import mirror, token_features
+from actioncli.model.warping import warping_cost
 from actioncli.recognizer import Recognizer
 from actioncli.training.recipes import RECIPES
 from tests.clips.test_prepare import waving
@@ -81,6 +82,77 @@ def test_shapes_follow_the_configuration(config: ModelConfig) -> None:
     assert embed(params, config, frames(config, motions(1))[:0]).shape[0] == 0
     distance, logit = compare.scores(params, config, embedding, [embedding[:1], embedding[1:]])
     assert distance.shape == logit.shape == (3, 2)
+
+
+def plain_parts(
+    params: dict[str, FloatArray], config: ModelConfig, query: FloatArray, example: FloatArray
+) -> tuple[float, float, float, float]:
+    """T, warping cost, radius and Disc of a query and a single example, both seen as they are,
+    written as the equations are."""
+    width = 4 * config.key_width
+    (asked, known), (asked_values, known_values) = trx_os.pairs(
+        params, config, np.stack([query, example])[..., :width]
+    )
+    scores = asked @ known.T / np.sqrt(config.key_width)
+    scores = scores + trx_os.place_bias(params, config, scores)
+    rows = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
+    columns = np.exp(scores) / np.exp(scores).sum(axis=0)
+    ways = [asked_values - rows @ known_values]
+    if config.both_ways:
+        ways.append(known_values - columns.T @ asked_values)
+    power = 1 if config.distance == "squared" else 0.5
+    t = [(((way**2).sum(axis=1) + 1e-6) ** power).mean() for way in ways]
+    disc = [trx_os.discriminator(params, way) for way in ways]
+    cost = radius = 1.0
+    if config.warp_width:
+        at = slice(width, width + config.warp_width)
+        cost = float(warping_cost(query[None, :, at], example[None, :, at])[0, 0])
+        radius = float(np.sqrt(query[0, -1] * example[0, -1]))
+    return float(np.mean(t)), cost, radius, float(np.mean(disc))
+
+
+@pytest.mark.parametrize(
+    "config",
+    [PAPER, replace(DEFAULT, mirrored=0.0), replace(DEFAULT, mirrored=0.0, near_pairs=True)],
+    ids=["paper", "default", "near pairs"],
+)
+def test_scores_are_what_the_equations_say(config: ModelConfig) -> None:
+    params = random_model(config)
+    if config.warp_width:
+        # As trained: everything speaks for a match but Disc's own share.
+        params["score.weight"] = np.array([1.5, 2, 3, 0.5], np.float32)
+    embedding = embed(params, config, frames(config, motions(5)))
+    queries, actions = embedding[:2], [embedding[[k]] for k in range(2, 5)]
+    parts = compare.score_parts(params, config, queries, actions)
+    plain = np.array(
+        [[plain_parts(params, config, q, action[0]) for action in actions] for q in queries]
+    )
+    np.testing.assert_allclose(parts, plain, rtol=1e-4, atol=1e-5)
+    distance, logit = compare.scores(params, config, queries, actions)
+    t, cost, radius, disc = np.moveaxis(plain, -1, 0)
+    if config.warp_width:
+        sure = -1.5 * np.log(t) - 2 * np.log(cost) + 3 * np.log(radius) + 0.5 * disc - 1
+        np.testing.assert_allclose(logit, sure, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(distance, np.exp(-sure), rtol=1e-3)
+    else:
+        np.testing.assert_allclose(distance, t, rtol=1e-4)
+        np.testing.assert_allclose(logit, disc, rtol=1e-4, atol=1e-5)
+
+
+def test_queries_in_pieces_are_compared_as_together(
+    monkeypatch: pytest.MonkeyPatch, varied: FloatArray
+) -> None:
+    weights = Recognizer().weights
+    actions = [varied[15:17], varied[17:18], varied[18:20]]
+    together = compare.score_parts(weights.tensors, weights.config, varied[:7], actions)
+    monkeypatch.setattr(compare, "_BLOCK_QUERIES", 3)
+    pieces = compare.score_parts(weights.tensors, weights.config, varied[:7], actions)
+    np.testing.assert_allclose(pieces, together, rtol=1e-4, atol=1e-5)
+
+
+def test_probabilities_of_large_numbers() -> None:
+    found = compare.softmax(np.array([[1000.0, 999.0], [-1000.0, -1000.0]]))
+    np.testing.assert_allclose(found, [[0.731059, 0.268941], [0.5, 0.5]], rtol=1e-5)
 
 
 @pytest.mark.parametrize("config", [PAPER, DEFAULT], ids=["paper", "default"])
@@ -225,6 +297,56 @@ def test_a_short_list_decides_as_the_exact_comparison(
         assert (~here).sum() >= compare._FEWEST
         assert logit[query, here].max() <= logit[query, ~here].min() + 1e-4
     np.testing.assert_array_equal(distance.argmin(axis=1), exact.argmax(axis=1))
+
+
+@pytest.mark.parametrize("most", [1, 3])
+def test_the_rule_of_the_short_list(
+    monkeypatch: pytest.MonkeyPatch, varied: FloatArray, most: int
+) -> None:
+    """The rule again, for one query after another, none of which is much like an action."""
+    weights, exact, at_most, fewest, slack = Recognizer().weights, 5, 24, 3, 0.6
+    noise = np.random.default_rng(1).normal(1, 0.8, varied[:15].shape)
+    queries = np.concatenate([varied[:3], (varied[:15] * noise).astype(np.float32)])
+    cuts = np.cumsum([1 + (k % most) for k in range(45 // most)])
+    actions = [part for part in np.split(varied[15:], cuts) if len(part)]
+    limits = {"EXACT": exact, "_AT_MOST": at_most, "_FEWEST": fewest, "_SLACK": slack}
+    for name, value in limits.items():
+        monkeypatch.setattr(compare, name, value)
+    parts = compare.score_parts(weights.tensors, weights.config, queries, actions)
+    weight, bias = weights.tensors["score.weight"], weights.tensors["score.bias"][0]
+    counted, every = [], []
+    for query, (t, cost, radius, disc) in enumerate(np.moveaxis(parts, -1, 1)):
+        promise = -weight[1] * np.log(cost) + weight[2] * np.log(radius) + bias
+        full = promise - weight[0] * np.log(t) + weight[3] * disc
+        added = full - promise
+        order = np.argsort(-promise)
+        before = np.cumsum([0, *(len(actions[k]) for k in order[:-1])])
+        first = [k for at, k in enumerate(order) if before[at] < exact or at < fewest]
+        beyond = [k for at, k in enumerate(order) if before[at] < at_most and k not in first]
+        enough = full[first].max() - added[first].max() - slack
+        compared = first + [k for k in beyond if promise[k] >= enough]
+        told = promise + added[compared].min()
+        told[compared] = full[compared]
+        counted.append((len(compared) - len(first), len(beyond)))
+        logit = compare.scores(weights.tensors, weights.config, queries[[query]], actions)[1][0]
+        np.testing.assert_allclose(logit, told, atol=1e-3)
+        every.append(told)
+    together = compare.scores(weights.tensors, weights.config, queries, actions)[1]
+    np.testing.assert_allclose(together, every, atol=1e-3)
+    # Of some queries there are rivals, of some not all.
+    assert any(rivals for rivals, _ in counted)
+    assert any(rivals < beyond for rivals, beyond in counted)
+
+
+def test_as_many_as_are_compared_in_full_are_compared_in_full(
+    monkeypatch: pytest.MonkeyPatch, varied: FloatArray
+) -> None:
+    weights, actions = Recognizer().weights, list(varied[15:, None])
+    exact = compare.scores(weights.tensors, weights.config, varied[:5], actions)[1]
+    monkeypatch.setattr(compare, "EXACT", len(actions))
+    monkeypatch.setattr(compare, "_largest", None)
+    logit = compare.scores(weights.tensors, weights.config, varied[:5], actions)[1]
+    np.testing.assert_array_equal(logit, exact)
 
 
 def test_no_more_are_compared_than_take_half_a_second(
