@@ -100,7 +100,7 @@ def samples(
         for episode in episodes:
             actions = [embedded[clips] for clips in episode.support]
             parts = compare.score_parts(params, config, embedded[episode.queries], actions)
-            each = compare.weighted(config, parts).astype(np.float64)
+            each = compare.weighted(parts).astype(np.float64)
             each[..., 0] += unit
             nearest = (each @ START).argmax(axis=1)
             terms.append(each[np.arange(len(nearest)), nearest])

@@ -57,33 +57,35 @@ def scores(
     if not config.warp_width:
         parts = score_parts(params, config, queries, actions)
         return parts[..., 0], parts[..., 3]
-    weight, bias = params["score.weight"], params["score.bias"]
     warped = warp(params, config, queries, actions)
     counts = np.array([len(action) for action in actions])
     chosen = None
     if counts.sum() > EXACT:
-        cheap = promise(params, config, warped)
+        cheap = promise(params, warped)
         chosen = _largest(cheap, counts, EXACT)
     parts = _parts(params, config, queries, actions, warped, chosen)
-    logit = weighted(config, parts) @ weight + bias
+    logit = _logit(params, parts)
     if chosen is not None:
         best = np.where(chosen, logit, -np.inf).max(axis=1, keepdims=True)
         most = np.where(chosen, logit - cheap, -np.inf).max(axis=1, keepdims=True)
         rivals = ~chosen & (cheap + most + _SLACK >= best) & _largest(cheap, counts, _AT_MOST)
         if rivals.any():
             parts = _parts(params, config, queries, actions, warped, rivals)
-            logit = np.where(rivals, weighted(config, parts) @ weight + bias, logit)
+            logit = np.where(rivals, _logit(params, parts), logit)
             chosen |= rivals
         least = np.where(chosen, logit - cheap, np.inf).min(axis=1, keepdims=True)
         logit = np.where(chosen, logit, cheap + least)
-    logit = np.asarray(logit, np.float32)
     return np.exp(np.minimum(-logit, 60)), logit
 
 
-def promise(params: Params, config: ModelConfig, warped: Warped) -> FloatArray:
+def promise(params: Params, warped: Warped) -> FloatArray:
     """The logit without what T and Disc add, (Q, K): what can be had cheaply."""
-    weight = params["score.weight"] * np.array([0, 1, 1, 0], np.float32)
-    return np.asarray(weighted(config, _unattended(warped)) @ weight + params["score.bias"])
+    return _logit(params, _unattended(warped))
+
+
+def _logit(params: Params, parts: FloatArray) -> FloatArray:
+    """(..., 4) from `score_parts` → (...)."""
+    return np.asarray(weighted(parts) @ params["score.weight"] + params["score.bias"])
 
 
 def _largest(cheap: FloatArray, counts: NDArray[np.intp], examples: int) -> NDArray[np.bool_]:
@@ -96,7 +98,7 @@ def _largest(cheap: FloatArray, counts: NDArray[np.intp], examples: int) -> NDAr
     return np.asarray(cheap >= least[:, None])
 
 
-def weighted(config: ModelConfig, parts: FloatArray) -> FloatArray:
+def weighted(parts: FloatArray) -> FloatArray:
     """What the score's weights multiply, from what `score_parts` measures: (..., 4) → (..., 4)."""
     terms = np.log(np.maximum(parts, SAME))
     terms[..., :2] *= -1
@@ -245,9 +247,9 @@ def warp(
 
 
 def _unattended(warped: Warped) -> FloatArray:
-    """(Q, K, 4) as `score_parts`, 1 in the places of T and Disc."""
+    """(Q, K, 4) as `score_parts`, with what says nothing in the places of T, 1, and Disc, 0."""
     ones = np.ones_like(warped.cost)
-    return np.stack([ones, warped.cost, warped.radius, ones], axis=-1)
+    return np.stack([ones, warped.cost, warped.radius, 0 * ones], axis=-1)
 
 
 def _blocks(

@@ -182,7 +182,7 @@ def recall(paths: list[Path], queries: int) -> None:
     told: dict[tuple[int, bool], list[tuple[bool, bool, int]]] = {}
     for number, one in enumerate(asked, start=1):
         query = clips[one : one + 1]
-        promise = compare.promise(params, config, compare.warp(params, config, query, actions))[0]
+        promise = compare.promise(params, compare.warp(params, config, query, actions))[0]
         # Never the query itself or its mirror image.
         others = np.arange(len(everything)) % len(clips) != one
         full: dict[int, float] = {}

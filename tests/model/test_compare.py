@@ -358,7 +358,7 @@ def test_no_more_are_compared_than_take_half_a_second(
         monkeypatch.setattr(compare, name, value)
     exact = compare.score_parts(weights.tensors, weights.config, varied[:5], actions)
     weight, bias = weights.tensors["score.weight"], weights.tensors["score.bias"]
-    full = compare.weighted(weights.config, exact) @ weight + bias
+    full = compare.weighted(exact) @ weight + bias
     logit = compare.scores(weights.tensors, weights.config, varied[:5], actions)[1]
     # Each query with the twenty that promise most, and no other.
     assert (np.isclose(logit, full, atol=1e-4).sum(axis=1) == 20).all()
