@@ -2,9 +2,9 @@
 
     python tests/benchmarks/batch.py [--clips 1000] [--rounds 3]
 
-The files are as people keep poses: 90 to 130 frames of the 30 joints of MeTRAbs, compressed, as
-float32 (what MeTRAbs gives) with names and frame rate, as float64 (what NumPy makes of them), and
-as `extract` writes them, with unit, axis and confidence.
+The files are as people keep poses: 90 to 130 frames of the 30 joints of MeTRAbs, as float32 (what
+MeTRAbs gives) with names and frame rate, not compressed (as the example clips) and compressed, as
+float64 (what NumPy makes of them), and as `extract` writes them, with unit, axis and confidence.
 `classify` is the whole process, Python's start and the store included; numpy.load reads every
 array of every file, in this process, where numpy is loaded already. Rounds are interleaved.
 Two threads at most. Processor time is what an idle machine would need on one core.
@@ -28,7 +28,7 @@ from actioncli.clips.write import write_clip
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 ACTIONS = ("wave_right/ada", "wave_left/ada", "squat/ada", "jumping_jack/ada", "kick_right/ada")
 LIMIT = 3.0
-KINDS = ("float32", "float64", "extract")
+KINDS = ("uncompressed", "float32", "float64", "extract")
 
 
 def make(folder: Path, clips: int, kind: str) -> list[Path]:
@@ -48,9 +48,10 @@ def make(folder: Path, clips: int, kind: str) -> list[Path]:
             seen = random.uniform(0.5, 1, joints.shape[:2])
             write_clip(paths[-1], actioncli.Clip(joints, clip.joint_names, 30, seen))
             continue
-        np.savez_compressed(
+        save = np.savez if kind == "uncompressed" else np.savez_compressed
+        save(
             paths[-1],
-            poses3d=(1000 * joints).astype(kind),
+            poses3d=(1000 * joints).astype("float64" if kind == "float64" else "float32"),
             joint_names=np.array(clip.joint_names),
             fps=np.float64(30),
         )
