@@ -112,7 +112,7 @@ class _Search:
         found.gone = [
             gone for example, gone in sorted(self._broken.items()) if example not in found.labels
         ]
-        found.ours = found.ours or bool(found.labels or self._index)
+        found.ours = found.ours or bool(found.labels or self._index or found.settings)
         found.last = max([found.last, *found.labels, *(gone.id for gone in found.gone)])
 
     def _read_indices(self, pages: Pages) -> set[str]:

@@ -176,6 +176,18 @@ def test_a_lost_table_of_settings_is_no_complete_account() -> None:
         truth.compare(done)
 
 
+def test_a_threshold_is_a_sign_of_a_support_set() -> None:
+    """The schema, the examples and the kind of their index's page are gone."""
+    with temporary_store() as store:
+        truth = Truth(store, 1)
+        store.path.write_bytes(bytes(2 * PAGE + 1) + truth.content[2 * PAGE + 1 :])
+        done = store.repair()
+        assert done is not None
+        assert (done.labels, done.complete) == ({}, False)
+        assert kept_threshold(store) == Threshold(0.25, "w")
+        truth.compare(done)
+
+
 @pytest.mark.parametrize("name", ["x" * 244 + ".db", "手" * 81 + ".db"])
 def test_the_longest_names_leave_room_for_the_damaged_file(tmp_path: Path, name: str) -> None:
     store = SupportStore(tmp_path / name)
