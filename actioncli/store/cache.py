@@ -8,20 +8,26 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from actioncli.errors import StoreError
-from actioncli.store.database import writing
-from actioncli.store.examples import require_label
+from actioncli.store.database import reading, writing
+from actioncli.store.examples import read_record, require_label
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from actioncli.clips.clip import Clip
+
 # Of what `embed` computes with the same weights; kept beside their checksum. 2: the radius is that
 # of the view that is asked.
 REVISION = 2
+
+# Clips that are embedded before their embeddings are kept.
+_AT_ONCE = 256
 
 # No one should wait long for the right to keep what can be computed again.
 _PATIENCE = 2.0
@@ -33,6 +39,46 @@ _ALL = (
 
 
 def read_embeddings(
+    path: Path,
+    weights_checksum: str,
+    embed: Callable[[Sequence[Clip]], NDArray[np.float32]],
+    negative: bool,
+) -> dict[str, NDArray[np.float32]]:
+    """See `SupportStore.embeddings`."""
+    import numpy as np
+
+    weights = f"{weights_checksum} {REVISION}"
+    with reading(path) as db:
+        if db is None:
+            return {}
+        labels, found = _kept(db, weights, negative)
+    missing = [example for example in labels if example not in found]
+    for start in range(0, len(missing), _AT_ONCE):
+        with reading(path) as db:
+            records = {
+                example: read_record(db, path, example)
+                for example in missing[start : start + _AT_ONCE]
+                if db and db.execute("SELECT 1 FROM examples WHERE id = ?", (example,)).fetchone()
+            }
+        # The store is not locked while embeddings are computed.
+        fresh = {
+            example: np.asarray(embed([record.clip()])[0], "<f4")
+            for example, record in records.items()
+        }
+        _keep(path, weights, negative, labels, fresh)
+        found |= fresh
+    by_label: dict[str, list[int]] = {}
+    for example, label in labels.items():
+        if example in found:
+            by_label.setdefault(label, []).append(example)
+    # Ten thousand take 350 MB: each goes as soon as its copy stands beside those of its label.
+    return {
+        label: np.stack([found.pop(example) for example in by_label[label]])
+        for label in sorted(by_label)
+    }
+
+
+def _kept(
     db: sqlite3.Connection, weights: str, negative: bool
 ) -> tuple[dict[int, str], dict[int, NDArray[np.float32]]]:
     """What is cached for the actions, or for the negatives.
@@ -60,7 +106,7 @@ def read_embeddings(
     return labels, found
 
 
-def keep_embeddings(
+def _keep(
     path: Path,
     weights: str,
     negative: bool,

@@ -8,12 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
-from actioncli.store.cache import (
-    REVISION,
-    keep_embeddings,
-    read_embeddings,
-    rename_embeddings,
-)
+from actioncli.store.cache import read_embeddings, rename_embeddings
 from actioncli.store.database import reading, writing
 from actioncli.store.examples import (
     Enrolled,
@@ -37,9 +32,6 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.store.record import Record
     from actioncli.store.repair import Repair
-
-# Clips that are embedded before their embeddings are kept.
-_AT_ONCE = 256
 
 __all__ = ["Action", "Enrolled", "Example", "SupportStore"]
 
@@ -213,38 +205,7 @@ class SupportStore:
             For each label, by name, the (n, F, E) float32 of its examples in the order of
             enrolment.
         """
-        import numpy as np
-
-        weights = f"{weights_checksum} {REVISION}"
-        with reading(self.path) as db:
-            if db is None:
-                return {}
-            labels, found = read_embeddings(db, weights, negative)
-        missing = [example for example in labels if example not in found]
-        for start in range(0, len(missing), _AT_ONCE):
-            with reading(self.path) as db:
-                records = {
-                    example: read_record(db, self.path, example)
-                    for example in missing[start : start + _AT_ONCE]
-                    if db
-                    and db.execute("SELECT 1 FROM examples WHERE id = ?", (example,)).fetchone()
-                }
-            # The store is not locked while embeddings are computed.
-            fresh = {
-                example: np.asarray(embed([record.clip()])[0], "<f4")
-                for example, record in records.items()
-            }
-            keep_embeddings(self.path, weights, negative, labels, fresh)
-            found |= fresh
-        by_label: dict[str, list[int]] = {}
-        for example, label in labels.items():
-            if example in found:
-                by_label.setdefault(label, []).append(example)
-        # Ten thousand take 350 MB: each goes as soon as its copy stands beside those of its label.
-        return {
-            label: np.stack([found.pop(example) for example in by_label[label]])
-            for label in sorted(by_label)
-        }
+        return read_embeddings(self.path, weights_checksum, embed, negative)
 
     def remove(self, label: str, example: int | None = None) -> int:
         """Forget a label, or one example of it; how many examples are gone.
