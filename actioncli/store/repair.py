@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from mmap import ACCESS_READ, mmap
+from operator import ne
 from pathlib import Path
 from typing import BinaryIO
 
@@ -33,6 +34,8 @@ from actioncli.store.settings import put_setting
 _PATIENCE = 2.0
 # The bytes that SQLite locks, at their place in every database: a writer holds some of them.
 _LOCK_START, _LOCK_LENGTH = 0x40000000, 512
+# Letters of a statement of the schema that damage may have changed.
+_MOST_FLIPPED = 8
 
 
 @dataclass(frozen=True)
@@ -177,9 +180,17 @@ def _is_newer(copy: Path, expected: list[str]) -> bool:
         with closing(sqlite3.connect(f"{copy.as_uri()}?mode=ro", uri=True)) as db:
             (version,) = db.execute("PRAGMA user_version").fetchone()
             # A version that is only a flipped bit has the schema that is known.
-            return version > len(MIGRATIONS) and schema_of(db) != expected
+            return version > len(MIGRATIONS) and not _is_known(schema_of(db), expected)
     except (sqlite3.Error, UnicodeDecodeError):
         return False
+
+
+def _is_known(schema: list[str], expected: list[str]) -> bool:
+    """Whether these are the expected statements, but for a few flipped bits in each."""
+    return len(schema) == len(expected) and all(
+        any(len(one) == len(each) and sum(map(ne, one, each)) <= _MOST_FLIPPED for each in expected)
+        for one in schema
+    )
 
 
 def _keep(file: BinaryIO, path: Path, folder: Path) -> Path:

@@ -472,6 +472,20 @@ def test_what_is_no_support_set_is_left(tmp_path: Path, content: bytes) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
 
 
+def test_a_version_and_a_schema_with_flipped_bits_are_not_newer() -> None:
+    with temporary_store() as store:
+        truth = Truth(store, 0)
+        content = bytearray(truth.content)
+        content[60] ^= 1  # of the version
+        for number in range(3):
+            content[content.index(b"joint_count") + number] ^= 1
+        store.path.write_bytes(content)
+        done = store.repair()
+        assert done is not None
+        assert done.labels
+        truth.compare(done)
+
+
 def test_another_database_and_a_newer_one_are_left(store: SupportStore, tmp_path: Path) -> None:
     other = SupportStore(tmp_path / "places.db")
     with closing(sqlite3.connect(other.path)) as db:
