@@ -136,13 +136,13 @@ def _as_made(db: sqlite3.Connection, version: int) -> bool:
     view in a table's place could count for ever.
     """
     found = _objects(db)
-    # What SQLite itself adds when somebody asks it to ANALYZE.
-    found = {row for row in found if row[0] != "table" or not row[1].startswith("sqlite_stat")}
+    # What SQLite itself adds when somebody asks it to ANALYZE. A flipped bit makes bytes of a name.
+    found = {row for row in found if row[0] != "table" or not str(row[1]).startswith("sqlite_stat")}
     return found == _made(version)
 
 
 @lru_cache
-def _made(version: int) -> set[tuple[str, str, str | None]]:
+def _made(version: int) -> set[tuple[str, str, str, str | None]]:
     with closing(sqlite3.connect(":memory:")) as db:
         # There are no rows, so that nothing is ever sealed.
         for name, arguments in _FUNCTIONS.items():
@@ -153,8 +153,8 @@ def _made(version: int) -> set[tuple[str, str, str | None]]:
         return _objects(db)
 
 
-def _objects(db: sqlite3.Connection) -> set[tuple[str, str, str | None]]:
-    return set(db.execute("SELECT type, name, sql FROM sqlite_master"))
+def _objects(db: sqlite3.Connection) -> set[tuple[str, str, str, str | None]]:
+    return set(db.execute("SELECT type, name, tbl_name, sql FROM sqlite_master"))
 
 
 def schema_of(db: sqlite3.Connection) -> list[str]:

@@ -486,6 +486,26 @@ def test_a_version_and_a_schema_with_flipped_bits_are_not_newer() -> None:
         truth.compare(done)
 
 
+@pytest.mark.parametrize("column", ["type", "name", "tbl_name", "sql"])
+def test_a_schema_in_which_a_text_has_become_bytes_is_mended(
+    store: SupportStore, column: str
+) -> None:
+    """One flipped bit tells SQLite that the text of a record is bytes."""
+    clip = make_clip(0)
+    store.enroll("wave", clip)
+    with closing(sqlite3.connect(store.path)) as db:
+        db.execute("PRAGMA writable_schema = ON")
+        changed = f"{column} = CAST({column} AS BLOB)"
+        db.execute(f"UPDATE sqlite_master SET {changed} WHERE name = 'examples'")
+        db.commit()
+    assert store.damage()
+    done = store.repair()
+    assert done is not None
+    assert done.labels == {1: "wave"}
+    assert same(store.clip(1), clip)
+    assert store.check() == []
+
+
 def test_another_database_and_a_newer_one_are_left(store: SupportStore, tmp_path: Path) -> None:
     other = SupportStore(tmp_path / "places.db")
     with closing(sqlite3.connect(other.path)) as db:
