@@ -267,14 +267,18 @@ def varied() -> FloatArray:
     return np.concatenate([embeddings, like])
 
 
+def in_actions(varied: FloatArray, most: int) -> list[FloatArray]:
+    """All but the example clips, in actions of one to `most` examples."""
+    cuts = np.cumsum([1 + (k % most) for k in range(45 // most)])
+    return [part for part in np.split(varied[15:], cuts) if len(part)]
+
+
 @pytest.mark.parametrize("most", [1, 3])
 def test_a_short_list_decides_as_the_exact_comparison(
     monkeypatch: pytest.MonkeyPatch, varied: FloatArray, most: int
 ) -> None:
     weights = Recognizer().weights
-    # Actions of one example, or of one to three.
-    cuts = np.cumsum([1 + (k % most) for k in range(45 // most)])
-    actions = [part for part in np.split(varied[15:], cuts) if len(part)]
+    actions = in_actions(varied, most)
     queries = varied[:15]
     exact = compare.scores(weights.tensors, weights.config, queries, actions)[1]
     monkeypatch.setattr(compare, "EXACT", 12)
@@ -307,8 +311,7 @@ def test_the_rule_of_the_short_list(
     weights, exact, at_most, fewest, slack = Recognizer().weights, 5, 24, 3, 0.6
     noise = np.random.default_rng(1).normal(1, 0.8, varied[:15].shape)
     queries = np.concatenate([varied[:3], (varied[:15] * noise).astype(np.float32)])
-    cuts = np.cumsum([1 + (k % most) for k in range(45 // most)])
-    actions = [part for part in np.split(varied[15:], cuts) if len(part)]
+    actions = in_actions(varied, most)
     limits = {"EXACT": exact, "_AT_MOST": at_most, "_FEWEST": fewest, "_SLACK": slack}
     for name, value in limits.items():
         monkeypatch.setattr(compare, name, value)
