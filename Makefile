@@ -28,13 +28,15 @@ test: .venv/installed
 	.venv/bin/mypy
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4
 
-# Every test, the slow ones too, with coverage; mutants of what decides; old and new versions.
+# Every test, the slow ones too, with coverage; property tests with more examples; mutants of what
+# decides; old and new versions.
 # Ray gives up where it does not start within half a minute: its tests run alone.
 nightly: .venv/release
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 -m 'nightly or not nightly' \
 		--ignore tests/cli/test_batch.py --cov --cov-fail-under 0
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -m 'nightly or not nightly' tests/cli/test_batch.py \
 		--cov --cov-append
+	PROPERTY_TIMES=20 OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --maxprocesses 4 -m hypothesis
 	rm -rf mutants && OMP_NUM_THREADS=1 .venv/bin/mutmut run
 	! .venv/bin/mutmut results | grep -v killed
 	sh tools/matrix.sh .venv-matrix

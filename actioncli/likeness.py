@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from actioncli.recognizer import Decision
+    from actioncli.decision import Decision
     from actioncli.threshold import Threshold
 
 

@@ -5,88 +5,29 @@ One clip's way: `prepare` → `trx_os.embed` → `compare` with each enrolled ac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import prepare_all
+from actioncli.decision import Comparison, Decision, decide
 from actioncli.errors import SupportError, WeightsError
 from actioncli.model import compare
 from actioncli.model.embedding import embed
 from actioncli.model.weights import Weights, read_weights
+from actioncli.pose.active import cut
 from actioncli.windows import odds_factor, windows
 
 DEFAULT_TAU = 0.5
+# Clips and windows that are embedded and compared at a time; each takes a quarter of a megabyte.
+_AT_ONCE = 256
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
-    """Q queries against K enrolled actions.
-
-    Attributes:
-        labels: (K,) names of the actions.
-        distance: (Q, K) float32, smaller is more alike: T(Q, S) of the paper, or with the
-            default recipe the odds against query and action being the same,
-            1 / confidence - 1.
-        confidence: (Q, K) float32 in [0, 1], that query q shows action k, whatever else is
-            enrolled.
-        probability: (Q, K) float32, among the enrolled actions alone: softmax of -T, or with
-            the default recipe the odds divided by their sum; rows sum to 1.
-    """
-
-    labels: NDArray[np.str_]
-    distance: FloatArray
-    confidence: FloatArray
-    probability: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Ranked:
-    """One enrolled action as seen from a query; the fields are those of `Comparison`."""
-
-    label: str
-    distance: float
-    probability: float
-    confidence: float
-
-
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """What a clip shows.
-
-    Attributes:
-        label: the recognised action, or None where the clip is rejected.
-        accepted: confidence > tau, and no negative is nearer than the nearest action.
-        confidence: that the clip shows the nearest action, in [0, 1].
-        tau: the threshold that was used.
-        nearest: the nearest enrolled action, accepted or not.
-        ranking: all enrolled actions, nearest first.
-        notes: what reading the clip decided on the way, which part of it is meant, and whether
-            a negative is nearest.
-        nearest_negative: distance to the nearest negative; None where there are none.
-        part: when the part that all of this is about begins and ends, seconds of the clip's
-            source: the whole clip, or of a long clip the window that shows an action best.
-            None for an embedding.
-    """
-
-    label: str | None
-    accepted: bool
-    confidence: float
-    tau: float
-    nearest: str
-    ranking: tuple[Ranked, ...]
-    notes: tuple[str, ...] = ()
-    nearest_negative: float | None = None
-    part: tuple[float, float] | None = None
-
-    @property
-    def shadowed(self) -> bool:
-        """Whether a negative is nearer than the nearest action, which rejects at any tau."""
-        return _is_nearer(self.nearest_negative, self.ranking[0])
+# When a part of a clip begins and ends, seconds of its source.
+_Span = tuple[float, float]
 
 
 class Recognizer:
@@ -217,18 +158,19 @@ class Recognizer:
             ClipError: a clip lacks joints that the model reads.
             SupportError: no action, or an action without examples.
         """
-        parts: list[list[Clip]] = [[]] * len(clips)
+        if not len(clips):
+            return []
+        examples = {label: self._embedded(of_action) for label, of_action in support.items()}
+        lasting = tuple(_durations(support) if durations is None else durations)
+        spans: list[list[_Span]] = [[] for _ in clips]
         if isinstance(clips, np.ndarray):
-            query = clips
+            wholes, comparison = clips, self.compare(clips, examples)
         else:
-            lasting = tuple(_durations(support) if durations is None else durations)
-            parts = [[clip, *windows(clip, lasting)] for clip in clips]
-            query = self._embed([part for of_clip in parts for part in of_clip], queries=True)
-        comparison = self.compare(query, support)
+            wholes, comparison = self._compare_parts(clips, lasting, examples, spans)
         # Once for all clips.
         kept = None if negatives is None or not len(negatives) else self._embedded(negatives)
         decisions, end = [], 0
-        for of_clip in parts:
+        for clip, whole, of_clip in zip(clips, wholes, spans, strict=True):
             start, end = end, end + max(len(of_clip), 1)
             rows = replace(
                 comparison,
@@ -236,51 +178,72 @@ class Recognizer:
                 confidence=comparison.confidence[start:end],
                 probability=comparison.probability[start:end],
             )
-            decisions.append(self._decide(of_clip, query[start:end], rows, tau, kept))
+            decisions.append(self._decide(clip, whole, of_clip, rows, tau, kept))
         return decisions
+
+    def _compare_parts(
+        self,
+        clips: Sequence[Clip],
+        durations: Sequence[float],
+        examples: Mapping[str, FloatArray],
+        spans: Sequence[list[_Span]],
+    ) -> tuple[FloatArray, Comparison]:
+        """Compare each clip, and after it its windows; when each begins and ends joins `spans`.
+
+        So many at a time that memory does not grow with their number.
+
+        Returns:
+            Embeddings of the whole clips, and the comparison.
+        """
+        parts = (
+            (of_clip, part)
+            for clip, of_clip in zip(clips, spans, strict=True)
+            for part in chain([clip], windows(clip, durations))
+        )
+        wholes, found = [], []
+        while block := list(islice(parts, _AT_ONCE)):
+            embedded = self._embed([part for _, part in block], queries=True)
+            found.append(self.compare(embedded, examples))
+            for embedding, (of_clip, part) in zip(embedded, block, strict=True):
+                if not of_clip:
+                    wholes.append(embedding.copy())  # not the whole block
+                of_clip.append((part.start, part.start + part.duration))
+        return np.stack(wholes), Comparison(
+            labels=found[0].labels,
+            distance=np.concatenate([each.distance for each in found]),
+            confidence=np.concatenate([each.confidence for each in found]),
+            probability=np.concatenate([each.probability for each in found]),
+        )
 
     def _decide(
         self,
-        parts: Sequence[Clip],
-        query: FloatArray,
+        clip: Clip | FloatArray,
+        whole: FloatArray,
+        spans: Sequence[_Span],
         comparison: Comparison,
         tau: float,
         negatives: FloatArray | None,
     ) -> Decision:
         """What the comparison of one clip, in its first row, and of its windows shows."""
-        odds = odds_factor(len(parts) - 1)
+
+        def embedding(row: int) -> FloatArray:
+            if not (row and isinstance(clip, Clip)):
+                return whole[np.newaxis]
+            # Of ten thousand windows few are asked for: they are not kept.
+            begin, end = (time - clip.start for time in spans[row])
+            return self._embed([cut(clip, begin, end)], queries=True)
+
+        odds = odds_factor(len(spans) - 1)
         comparison = self._less_likely(comparison, odds)
-        row, negative = self._surest(query, comparison, negatives, odds, tau)
-        order = np.lexsort((comparison.distance[row],))  # stable
-        measured = (comparison.distance, comparison.probability, comparison.confidence)
-        columns = [values[row, order].tolist() for values in measured]
-        ranking = tuple(map(Ranked, comparison.labels[order].tolist(), *columns))
-        nearest = ranking[0]
-        notes = parts[row].notes if parts else ()
-        part = (parts[row].start, parts[row].start + parts[row].duration) if parts else None
+        row, negative = self._surest(embedding, comparison, negatives, odds, tau)
+        notes = clip.notes if isinstance(clip, Clip) else ()
+        part = spans[row] if spans else None
         if part and row:
             notes += (
                 f"matched {part[0]:.1f} s to {part[1]:.1f} s, the surest of "
-                f"{len(parts) - 1} windows",
+                f"{len(spans) - 1} windows",
             )
-        shadowed = _is_nearer(negative, nearest)
-        if shadowed:
-            notes += (
-                f"nearer to a negative (distance {negative:.2f}) than to {nearest.label!r} "
-                f"({nearest.distance:.2f})",
-            )
-        accepted = nearest.confidence > tau and not shadowed
-        return Decision(
-            label=nearest.label if accepted else None,
-            accepted=accepted,
-            confidence=nearest.confidence,
-            tau=tau,
-            nearest=nearest.label,
-            ranking=ranking,
-            notes=notes,
-            nearest_negative=negative,
-            part=part,
-        )
+        return decide(comparison, row, tau, negative, notes, part)
 
     def _less_likely(self, comparison: Comparison, odds: float) -> Comparison:
         """The comparison of a whole clip, in the first row, and its windows, whose odds against a
@@ -293,7 +256,7 @@ class Recognizer:
 
     def _surest(
         self,
-        query: FloatArray,
+        embedding: Callable[[int], FloatArray],
         comparison: Comparison,
         negatives: FloatArray | None,
         odds: float,
@@ -309,7 +272,7 @@ class Recognizer:
 
         def like_negative(row: int) -> tuple[bool, float, float]:
             """Whether a negative is nearest, its distance and confidence."""
-            apart = self.compare(query[[row]], kept)
+            apart = self.compare(embedding(row), kept)
             nearest = int(apart.distance[0].argmin())
             away = apart.distance[0, nearest]
             if row and self.weights.config.warp_width:
@@ -332,10 +295,6 @@ class Recognizer:
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else self.embed(clips)
-
-
-def _is_nearer(negative: float | None, action: Ranked) -> bool:
-    return negative is not None and negative < action.distance
 
 
 def _durations(support: Mapping[str, Sequence[Clip] | FloatArray]) -> list[float]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from actioncli.errors import StoreError
 
 if TYPE_CHECKING:
-    from actioncli.recognizer import Decision
+    from actioncli.decision import Decision
     from actioncli.store.store import SupportStore
 
 # One setting holds it all, so that it is written and forgotten in one transaction.

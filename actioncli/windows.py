@@ -11,7 +11,7 @@ the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from math import inf
 
 import numpy as np
@@ -31,6 +31,8 @@ CHANCES = 0.3
 # performances match; each is at most so many times as long as the one before.
 _FASTER, _SLOWER, _GROWTH = 0.7, 1.4, 1.45
 _SHORTEST = 0.8
+# From frame to frame of a window; fewer show no action, however slowly frames came.
+_FEWEST_STEPS = 3
 
 
 def window_lengths(durations: Iterable[float], longest: float = inf) -> tuple[float, ...]:
@@ -41,8 +43,10 @@ def window_lengths(durations: Iterable[float], longest: float = inf) -> tuple[fl
     return tuple(np.geomspace(low, high, count + 1).tolist())
 
 
-def windows(clip: Clip, durations: Iterable[float]) -> list[Clip]:
+def windows(clip: Clip, durations: Iterable[float]) -> Iterator[Clip]:
     """The parts of a long clip that compete with the whole; none where it is not long.
+
+    There can be ten thousand in an hour, so they are cut out as they are asked for.
 
     Args:
         clip: a query.
@@ -50,18 +54,18 @@ def windows(clip: Clip, durations: Iterable[float]) -> list[Clip]:
     """
     known = tuple(durations)
     if not known or clip.duration <= LONG * float(median(np.array(known))):
-        return []
-    found = []
+        return
     for seconds in window_lengths(known):
         room = clip.duration - seconds
         if room <= 0:  # as have all that follow, for these are longer
             break
+        if seconds * clip.fps < _FEWEST_STEPS:
+            continue
         for start in np.linspace(0, room, int(np.ceil(room / (STRIDE * seconds))) + 1).tolist():
             try:
-                found.append(cut(clip, start, start + seconds))
+                yield cut(clip, start, start + seconds)
             except ClipError:  # nothing moves in this window
                 continue
-    return found
 
 
 def odds_factor(count: int) -> float:

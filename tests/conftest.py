@@ -6,13 +6,14 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from cases import cases
 from hypothesis import Phase, settings
 
 # Training needs the extra `train`; all else is tested without it too.
 collect_ignore = [] if find_spec("torch") else ["training"]
 
 # How long an example takes says how busy the machine is; time is measured by the benchmarks.
-settings.register_profile("untimed", deadline=None)
+settings.register_profile("untimed", deadline=None, max_examples=cases())
 # Mutants die or survive alike in every run, and what kills one need not be made simpler.
 settings.register_profile(
     "mutants", deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate]

@@ -9,10 +9,11 @@ import pytest
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.read import read_clip
+from actioncli.decision import Comparison
 from actioncli.events import STRIDE, Event, Sighting, Spotter
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights
-from actioncli.recognizer import Comparison, Recognizer
+from actioncli.recognizer import Recognizer
 from actioncli.threshold import Threshold
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

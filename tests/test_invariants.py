@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases import cases
 from clips.bodies import write_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,12 +20,12 @@ from hypothesis import strategies as st
 from actioncli import Clip, ClipError, Recognizer, SupportStore, read_clip
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
-from actioncli.recognizer import Comparison
+from actioncli.decision import Comparison
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 FILES = sorted(EXAMPLES.glob("*/*.npz"))
-FEW = settings(max_examples=12, deadline=None)
-MANY = settings(max_examples=40, deadline=None)
+FEW = settings(max_examples=cases(12), deadline=None)
+MANY = settings(max_examples=cases(40), deadline=None)
 # Beyond rounding: of float32 sums in another order, and of float32 coordinates far from zero.
 ROUNDING = 1e-5
 FAR = 2e-3

@@ -3,8 +3,8 @@
 import pytest
 
 from actioncli import Decision
+from actioncli.decision import Ranked
 from actioncli.likeness import doubts
-from actioncli.recognizer import Ranked
 from actioncli.threshold import Threshold
 
 HALF = Threshold(0.5, "abc")

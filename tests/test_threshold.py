@@ -3,7 +3,7 @@
 import pytest
 
 from actioncli import Decision, StoreError, SupportStore
-from actioncli.recognizer import Ranked
+from actioncli.decision import Ranked
 from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 
 

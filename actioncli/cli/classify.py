@@ -30,8 +30,8 @@ from actioncli.errors import ClipError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
+    from actioncli.decision import Decision
     from actioncli.pose.poses import Poses
-    from actioncli.recognizer import Decision
 
 # Files of joints that are classified together, at most.
 _BATCH = 64

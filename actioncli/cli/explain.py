@@ -12,7 +12,8 @@ from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.recognizer import Decision, Recognizer
+    from actioncli.decision import Decision
+    from actioncli.recognizer import Recognizer
 
 
 def check_explanation(clips: Sequence[Path], page: Path) -> None:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
+    from actioncli.decision import Decision
     from actioncli.pose.poses import Poses
     from actioncli.pose.video import Progress
-    from actioncli.recognizer import Decision
 
 # Reading that is over sooner needs no progress line.
 _PATIENCE_SECONDS = 1.0

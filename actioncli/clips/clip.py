@@ -14,6 +14,8 @@ FloatArray = NDArray[np.float32]
 
 # Positions beyond this distance (metres) are not a person near a sensor but a wrong unit.
 LARGEST_COORDINATE = 1e4
+# Frames a second that some device might record; what a damaged file states lies anywhere.
+LEAST_FPS, MOST_FPS = 1e-3, 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -26,7 +28,7 @@ class Clip:
     Attributes:
         joints: (T, J, 3) float32, read-only, finite.
         joint_names: J names, unique; see `actioncli.clips.layouts` for the ones understood.
-        fps: frames per second, > 0.
+        fps: frames per second, from `LEAST_FPS` to `MOST_FPS`.
         confidence: (T, J) float32 in [0, 1], read-only, or None where the source has none.
         source: where the clip came from, for people to read (a file name, a camera).
         notes: what reading decided on the way (person chosen, gaps filled), for people.
@@ -55,7 +57,7 @@ class Clip:
 
         Raises:
             ClipError: wrong shape, not finite, names that do not fit, fewer than two
-                distinct frames, or a frame rate that is no positive number.
+                distinct frames, or a frame rate that no device has.
         """
         where = f"{source}: " if source else ""
         names = tuple(str(name) for name in joint_names)
@@ -87,8 +89,8 @@ class Clip:
             rate = float(fps)
         except (TypeError, ValueError):
             rate = 0.0
-        if not 0 < rate < float("inf"):
-            raise ClipError(f"{where}fps must be a positive number, not {fps!r}.")
+        if not LEAST_FPS <= rate <= MOST_FPS:
+            raise ClipError(f"{where}fps must be {LEAST_FPS:g} to {MOST_FPS:,.0f}, not {fps!r}.")
         if confidence is not None:
             weights = _frozen(confidence, f"{where}confidence")
             if weights.shape != positions.shape[:2]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.clip import Clip
+from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import BoolArray, fill_gaps, missing_joints
 from actioncli.clips.layouts import default_columns
 from actioncli.clips.read import find_clips, read_clip
@@ -170,7 +170,7 @@ def _checked(
     if len(set(names.tolist())) != len(names):
         raise ClipError(f"{file}: joint_names holds a name twice.")
     rate = arrays["fps"]
-    if rate.size != 1 or rate.dtype.kind not in "iuf" or not 0 < float(rate.reshape(-1)[0]) < 1e6:
-        raise ClipError(f"{file}: fps must be one positive number.")
-    fps = float(rate.reshape(-1)[0])
+    fps = float(rate.reshape(-1)[0]) if rate.size == 1 and rate.dtype.kind in "iuf" else 0.0
+    if not LEAST_FPS <= fps <= MOST_FPS:
+        raise ClipError(f"{file}: fps must be one number from {LEAST_FPS:g} to {MOST_FPS:,.0f}.")
     return joints, tuple(names.tolist()), fps, lengths.astype(np.int64)

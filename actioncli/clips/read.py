@@ -13,10 +13,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from actioncli.clips import axes
-from actioncli.clips.clip import Clip
+from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import fill_gaps
 from actioncli.clips.layouts import LAYOUTS
 from actioncli.clips.persons import most_active
@@ -134,8 +132,8 @@ def _check_options(
 ) -> None:
     if layout is not None and layout not in LAYOUTS:
         raise UsageError(f"unknown layout {layout!r}; --layout is one of {', '.join(LAYOUTS)}.")
-    if fps is not None and not (np.isfinite(fps) and fps > 0):
-        raise UsageError(f"--fps must be a positive number, not {fps!r}.")
+    if fps is not None and not LEAST_FPS <= fps <= MOST_FPS:
+        raise UsageError(f"--fps must be {LEAST_FPS:g} to {MOST_FPS:,.0f}, not {fps!r}.")
     if unit is not None and axes.parse_unit(unit) is None:
         raise UsageError(
             f"unknown unit {unit!r}; --unit is one of {', '.join(axes.UNITS)}, or metres per "
@@ -189,7 +187,7 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
     if fps is None:
         fps = _USUAL_FPS
         told.append(f"frame rate not stated: {fps:g} assumed (--fps)")
-    elif not (np.isfinite(fps) and fps > 0):
+    elif not LEAST_FPS <= fps <= MOST_FPS:
         raise ClipError(f"{where}: states {fps:g} frames per second; give --fps.")
     confidence = None if recording.confidence is None else recording.confidence[:, 0]
     positions, names, confidence, gaps = fill_gaps(

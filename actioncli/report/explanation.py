@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import Preparation, prepared_at
+from actioncli.decision import Decision
 from actioncli.errors import UsageError
 from actioncli.explanation import Attended, Explanation
 from actioncli.model.config import ModelConfig
-from actioncli.recognizer import Decision
 from actioncli.report.drawing import Text, elements
 from actioncli.report.figure import Figure, figure
 from actioncli.report.page import Stage, page, playable, scrolling

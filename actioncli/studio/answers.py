@@ -12,8 +12,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from actioncli.decision import Decision
 from actioncli.errors import ActionCliError, ClipError, StoreError, SupportError, UsageError
-from actioncli.recognizer import Decision
 from actioncli.studio.scratch import TooLargeError
 
 # The first that fits.

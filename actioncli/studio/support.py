@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.decision import Decision
 from actioncli.enrolment import stored_negatives, used_threshold
 from actioncli.errors import UsageError
 from actioncli.likeness import doubts
-from actioncli.recognizer import Decision, Recognizer
+from actioncli.recognizer import Recognizer
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.store.names import NEGATIVES, check_label

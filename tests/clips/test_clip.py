@@ -45,6 +45,8 @@ def test_a_clip_survives_a_process() -> None:
         ({"joint_names": ["a"] * 15}, "twice: a"),
         ({"fps": 0}, "fps"),
         ({"fps": float("inf")}, "fps"),
+        ({"fps": 0.0009}, "fps must be 0.001 to 1,000,000, not 0.0009"),
+        ({"fps": 1e6 + 1}, "fps"),
         ({"fps": "fast"}, "fps"),
         ({"confidence": np.ones((40, 3))}, "confidence must be"),
         ({"confidence": np.full((40, 15), np.nan)}, "confidence must lie"),

@@ -75,6 +75,7 @@ def test_still_and_lost_clips_are_skipped_and_counted(tmp_path: Path) -> None:
         ({"joint_names": np.array(["a"] * 20)}, "twice"),
         ({"fps": np.float32("nan")}, "fps must be"),
         ({"fps": np.float32(0)}, "fps must be"),
+        ({"fps": np.float64(1e-300)}, "fps must be one number from 0.001 to 1,000,000"),
         ({"joints_mm": np.ones((63, 20, 3), np.int16)}, "none of its 3 clips moves"),
         ({"labels": np.array(["a", "b", None])}, "holds Python objects"),
     ],

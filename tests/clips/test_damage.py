@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -35,7 +36,7 @@ from .bodies import (
 )
 
 BODY = waving(5).round(3)
-DAMAGE = settings(max_examples=100, deadline=5000)
+DAMAGE = settings(max_examples=cases(100), deadline=5000)
 # What breaks parsers that believe what they read.
 TOKENS = [
     b"-1", b"0", b"99999999999999", b"nan", b"inf", b"-1e999", b"1e39", b"\0", b"\xff\xfe", b"\n",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -53,7 +54,7 @@ def test_the_paper_only_centres_and_samples() -> None:
 
 
 @given(angle=st.floats(-3.1, 3.1), shift=st.tuples(*[st.floats(-5, 5)] * 3))
-@settings(max_examples=30)
+@settings(max_examples=cases(30))
 def test_place_and_heading_do_not_matter(angle: float, shift: tuple[float, ...]) -> None:
     joints = waving()
     moved = turned(joints, angle) + np.array(shift, np.float32)
@@ -67,7 +68,7 @@ def test_a_person_who_faces_the_sensor_is_not_turned() -> None:
 
 
 @given(size=st.floats(0.4, 2.0))
-@settings(max_examples=20)
+@settings(max_examples=cases(20))
 @pytest.mark.parametrize("body", ["torso", "standard"])
 def test_body_size_does_not_matter(body: str, size: float) -> None:
     how = Preparation(size=body)  # type: ignore[arg-type]  # parametrised
@@ -116,7 +117,7 @@ def test_idling_takes_few_frames_when_motion_is_the_clock() -> None:
 
 
 @given(frames=st.integers(2, 200), wanted=st.integers(2, 48), motion=st.floats(0, 1))
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 def test_first_and_last_frame_are_kept(frames: int, wanted: int, motion: float) -> None:
     joints = waving(frames)
     ours = sample(joints, wanted, motion)

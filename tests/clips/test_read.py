@@ -167,7 +167,10 @@ def test_impossible_options_are_usage_errors(tmp_path: Path, options: dict[str, 
 
 
 def test_stated_nonsense_names_the_option(tmp_path: Path) -> None:
-    for field, value in [("unit", "parsec"), ("up", "w"), ("fps", -3.0), ("layout", "kinekt")]:
+    for field, value in [
+        ("unit", "parsec"), ("up", "w"), ("fps", -3.0), ("fps", 1e-300),
+        ("fps", 1e300), ("layout", "kinekt"),
+    ]:  # fmt: skip
         fields: dict[str, object] = {field: value}
         file = tmp_path / f"{field}.npz"
         np.savez(file, joints=waving(joints=LAYOUTS["smpl_24"]), **fields)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -176,7 +177,7 @@ def test_the_nearest_action_is_the_most_confident_one() -> None:
 
 
 @given(angle=st.floats(-3.1, 3.1), size=st.floats(0.5, 1.8), shift=st.floats(-3, 3))
-@settings(max_examples=10)
+@settings(max_examples=cases(10))
 def test_heading_size_and_place_do_not_matter_to_the_default(
     angle: float, size: float, shift: float
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -69,7 +70,7 @@ def difference(params: dict[str, FloatArray], query: FloatArray, support: FloatA
 
 
 @given(seed=st.integers(0, 2**32 - 1), shots=st.integers(1, 3))
-@settings(max_examples=10)
+@settings(max_examples=cases(10))
 def test_projecting_frames_first_equals_the_plain_tuple_matrix(seed: int, shots: int) -> None:
     params = random_params(seed)
     query, support = random_frames(seed, 1)[0], random_frames(seed + 1, shots)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import save_file
@@ -59,7 +60,7 @@ def test_the_checksum_tells_weights_apart(tmp_path: Path, written: Path) -> None
 
 
 @given(cut=st.floats(0, 1, exclude_max=True))
-@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=cases(20), suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_truncated_weights_are_refused(written: Path, tmp_path: Path, cut: float) -> None:
     content = written.read_bytes()
     path = tmp_path / "cut.safetensors"
@@ -69,7 +70,7 @@ def test_truncated_weights_are_refused(written: Path, tmp_path: Path, cut: float
 
 
 @given(at=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=cases(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_flipped_bit_is_noticed(written: Path, tmp_path: Path, at: float, bit: int) -> None:
     content = bytearray(written.read_bytes())
     content[int(at * len(content))] ^= 1 << bit

@@ -94,6 +94,33 @@ def test_bombs_are_refused_in_little_memory_and_time(tmp_path: Path) -> None:
     assert len(lines) > 30
 
 
+HOURS = """
+import sys
+import numpy as np
+from actioncli import Clip, ClipError, Recognizer, read_clip
+
+example = read_clip(sys.argv[1])
+recognizer = Recognizer()
+for frames, fps in ((40_000, 30), (20_000, 0.5), (20_000, 1e-3), (20_000, 1e-300)):
+    joints = np.resize(example.joints, (frames, *example.joints.shape[1:]))
+    try:
+        clip = Clip(joints, example.joint_names, fps)
+    except ClipError as error:
+        print(error)
+        continue
+    print(recognizer.classify(clip, {"bow": [example]}).part)
+"""
+
+
+def test_neither_hours_nor_rare_frames_fill_the_memory() -> None:
+    """Each window of a long clip is embedded, and of one with rare frames there are as many as
+    its time has room for."""
+    example = Path(__file__).parents[2] / "examples" / "bow" / "ben.npz"
+    *parts, refused = run_limited(HOURS, example, seconds=120)
+    assert len(parts) == 3
+    assert refused.startswith("fps must be")
+
+
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".safetensors", ".json"])
 def test_a_pickle_is_never_run(tmp_path: Path, suffix: str) -> None:
     class Evil:

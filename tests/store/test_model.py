@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from cases import cases
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -127,7 +128,7 @@ class StoreModel(RuleBasedStateMachine):
 
 TestStoreModel = StoreModel.TestCase
 TestStoreModel.settings = settings(
-    max_examples=30,
+    max_examples=cases(30),
     stateful_step_count=20,
     suppress_health_check=[HealthCheck.too_slow],
 )

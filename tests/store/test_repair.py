@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import pytest
+from cases import cases
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from storing import as_ordinary_user, fork, give_away, make_clip, same, succeeded
@@ -122,7 +123,7 @@ def told_beside(example: Example) -> dict[str, str]:
     return {"source": example.source, "note": example.note, "added": example.added}
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=cases(60), suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 10_000), data=st.data())
 def test_what_is_salvaged_is_what_was_enrolled(seed: int, data: st.DataObject) -> None:
     with temporary_store() as store:

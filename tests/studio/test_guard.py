@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from websockets.exceptions import InvalidStatus
@@ -95,7 +96,7 @@ def test_only_the_pages_files_are_served(client: Client, path: str) -> None:
     assert client.answer("GET", path)[0] == 404
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=cases(25), deadline=None)
 @given(cookie=st.text(st.characters(min_codepoint=32, max_codepoint=255), max_size=60))
 def test_no_cookie_is_taken_for_the_token(served: tuple[object, str], cookie: str) -> None:
     client = Client(served[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,7 +13,7 @@ from actioncli.training.episodes import draw_episodes
 
 
 @given(seed=st.integers(0, 2**32 - 1), ways=st.integers(2, 6))
-@settings(max_examples=25)
+@settings(max_examples=cases(25))
 def test_targets_tell_the_truth(world: TrainingSet, seed: int, ways: int) -> None:
     drawn = draw_episodes(world, 4, ways, np.random.default_rng(seed))
     for support, queries, targets in zip(drawn.support, drawn.queries, drawn.targets, strict=True):
