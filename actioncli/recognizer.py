@@ -163,22 +163,23 @@ class Recognizer:
         examples = {label: self._embedded(of_action) for label, of_action in support.items()}
         lasting = tuple(_durations(support) if durations is None else durations)
         spans: list[list[_Span]] = [[] for _ in clips]
+        wholes: Sequence[FloatArray]
         if isinstance(clips, np.ndarray):
-            wholes, comparison = clips, self.compare(clips, examples)
+            wholes, comparison = list(clips), self.compare(clips, examples)
         else:
             wholes, comparison = self._compare_parts(clips, lasting, examples, spans)
         # Once for all clips.
         kept = None if negatives is None or not len(negatives) else self._embedded(negatives)
         decisions, end = [], 0
-        for clip, whole, of_clip in zip(clips, wholes, spans, strict=True):
-            start, end = end, end + max(len(of_clip), 1)
+        for number, clip in enumerate(clips):
+            start, end = end, end + max(len(spans[number]), 1)
             rows = replace(
                 comparison,
                 distance=comparison.distance[start:end],
                 confidence=comparison.confidence[start:end],
                 probability=comparison.probability[start:end],
             )
-            decisions.append(self._decide(clip, whole, of_clip, rows, tau, kept))
+            decisions.append(self._decide(clip, wholes[number], spans[number], rows, tau, kept))
         return decisions
 
     def _compare_parts(
@@ -187,7 +188,7 @@ class Recognizer:
         durations: Sequence[float],
         examples: Mapping[str, FloatArray],
         spans: Sequence[list[_Span]],
-    ) -> tuple[FloatArray, Comparison]:
+    ) -> tuple[list[FloatArray], Comparison]:
         """Compare each clip, and after it its windows; when each begins and ends joins `spans`.
 
         So many at a time that memory does not grow with their number.
@@ -196,19 +197,19 @@ class Recognizer:
             Embeddings of the whole clips, and the comparison.
         """
         parts = (
-            (of_clip, part)
-            for clip, of_clip in zip(clips, spans, strict=True)
+            (number, part)
+            for number, clip in enumerate(clips)
             for part in chain([clip], windows(clip, durations))
         )
         wholes, found = [], []
         while block := list(islice(parts, _AT_ONCE)):
             embedded = self._embed([part for _, part in block], queries=True)
             found.append(self.compare(embedded, examples))
-            for embedding, (of_clip, part) in zip(embedded, block, strict=True):
-                if not of_clip:
-                    wholes.append(embedding.copy())  # not the whole block
-                of_clip.append((part.start, part.start + part.duration))
-        return np.stack(wholes), Comparison(
+            for at, (number, part) in enumerate(block):
+                if not spans[number]:
+                    wholes.append(embedded[at].copy())  # not the whole block
+                spans[number].append((part.start, part.start + part.duration))
+        return wholes, Comparison(
             labels=found[0].labels,
             distance=np.concatenate([each.distance for each in found]),
             confidence=np.concatenate([each.confidence for each in found]),
@@ -226,16 +227,16 @@ class Recognizer:
     ) -> Decision:
         """What the comparison of one clip, in its first row, and of its windows shows."""
 
-        def embedding(row: int) -> FloatArray:
+        def embedded(row: int) -> FloatArray:
             if not (row and isinstance(clip, Clip)):
                 return whole[np.newaxis]
             # Of ten thousand windows few are asked for: they are not kept.
             begin, end = (time - clip.start for time in spans[row])
-            return self._embed([cut(clip, begin, end)], queries=True)
+            return self.embed([cut(clip, begin, end)])
 
         odds = odds_factor(len(spans) - 1)
         comparison = self._less_likely(comparison, odds)
-        row, negative = self._surest(embedding, comparison, negatives, odds, tau)
+        row, negative = self._surest(embedded, comparison, negatives, odds, tau)
         notes = clip.notes if isinstance(clip, Clip) else ()
         part = spans[row] if spans else None
         if part and row:
@@ -256,7 +257,7 @@ class Recognizer:
 
     def _surest(
         self,
-        embedding: Callable[[int], FloatArray],
+        embedded: Callable[[int], FloatArray],
         comparison: Comparison,
         negatives: FloatArray | None,
         odds: float,
@@ -272,7 +273,7 @@ class Recognizer:
 
         def like_negative(row: int) -> tuple[bool, float, float]:
             """Whether a negative is nearest, its distance and confidence."""
-            apart = self.compare(embedding(row), kept)
+            apart = self.compare(embedded(row), kept)
             nearest = int(apart.distance[0].argmin())
             away = apart.distance[0, nearest]
             if row and self.weights.config.warp_width:

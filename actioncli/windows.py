@@ -57,9 +57,7 @@ def windows(clip: Clip, durations: Iterable[float]) -> Iterator[Clip]:
         return
     for seconds in window_lengths(known):
         room = clip.duration - seconds
-        if room <= 0:  # as have all that follow, for these are longer
-            break
-        if seconds * clip.fps < _FEWEST_STEPS:
+        if room <= 0 or seconds * clip.fps < _FEWEST_STEPS:
             continue
         for start in np.linspace(0, room, int(np.ceil(room / (STRIDE * seconds))) + 1).tolist():
             try:

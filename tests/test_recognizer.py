@@ -331,7 +331,15 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
     clips = [LONG, moving(1), moving(11, start=4)]
     together = OnALine().classify_all(clips, support, 0.4, at(12.75), LASTING)
     monkeypatch.setattr("actioncli.recognizer._AT_ONCE", 7)
-    assert OnALine().classify_all(clips, support, 0.4, at(12.75), LASTING) == together
+    most = []
+
+    class InPieces(OnALine):
+        def _embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
+            most.append(len(clips))
+            return super()._embed(clips, queries)
+
+    assert InPieces().classify_all(clips, support, 0.4, at(12.75), LASTING) == together
+    assert max(most) == 7
 
 
 def test_of_a_long_clip_the_surest_window_decides_at_longer_odds() -> None:

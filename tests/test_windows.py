@@ -74,6 +74,11 @@ def test_only_long_clips_have_windows() -> None:
 def test_a_window_has_at_least_four_frames() -> None:
     found = [len(window) for window in windows(random_clip(300, fps=2), [1.0, 4.0])]
     assert min(found) == 4
+    just = random_clip(60, fps=3 / 0.8)
+    assert 4 in {len(window) for window in windows(just, [0.8])}
+    assert {round(window.duration, 1) for window in windows(random_clip(60, 3 / 0.8), [0.8])} >= {
+        0.8
+    }
     assert list(windows(random_clip(300, fps=0.5), [1.0, 4.0])) == []
 
 
