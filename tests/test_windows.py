@@ -76,9 +76,6 @@ def test_a_window_has_at_least_four_frames() -> None:
     assert min(found) == 4
     just = random_clip(60, fps=3 / 0.8)
     assert 4 in {len(window) for window in windows(just, [0.8])}
-    assert {round(window.duration, 1) for window in windows(random_clip(60, 3 / 0.8), [0.8])} >= {
-        0.8
-    }
     assert list(windows(random_clip(300, fps=0.5), [1.0, 4.0])) == []
 
 
