@@ -36,7 +36,7 @@ def active_part(clip: Clip) -> tuple[float, float]:
         Start and end; (0, duration) if there is nothing to leave out.
     """
     speed = limb_speed(clip)
-    width = max(1, round(_SMOOTHING * clip.fps))
+    width = min(max(1, round(_SMOOTHING * clip.fps)), len(clip))
     speed = np.convolve(speed, np.ones(width) / width, mode="same").astype(np.float32)
     seen: NDArray[np.bool_] = np.ones(len(clip), np.bool_)
     if clip.confidence is not None and clip.confidence.any():

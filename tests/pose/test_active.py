@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.layouts import DEFAULT_JOINTS
@@ -105,3 +107,18 @@ def test_a_part_knows_when_it_begins() -> None:
     assert part.start == 1
     assert part.duration == pytest.approx(2)
     assert cut(part, 0.5, 1).start == pytest.approx(1.5)
+
+
+@given(
+    moving=st.lists(st.booleans(), min_size=2, max_size=120),
+    losses=st.lists(st.integers(0, 119), max_size=20),
+    fps=st.sampled_from([0.5, 5.0, 15.0, 30.0, 1000.0]),
+)
+def test_a_part_of_any_clip(moving: list[bool], losses: list[int], fps: float) -> None:
+    seen = np.ones(len(moving))
+    seen[[at for at in losses if at < len(moving)]] = 0
+    clip = clip_of(np.array(moving), fps, seen)
+    start, end, repetitions = action_in(clip)
+    assert 0 <= start < end <= clip.duration + 1e-9
+    assert repetitions >= 1
+    assert len(cut(clip, start, end)) >= 2
