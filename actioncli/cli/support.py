@@ -12,7 +12,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.options import complete_label
-from actioncli.cli.output import number, plural, printable, say, table, write_json
+from actioncli.cli.output import number, plural, printable, progress, say, table, write_json
 from actioncli.errors import SupportError, UsageError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def show(
             "--out",
             "-o",
             metavar="FILE",
-            help="Draw into a file: .png or .svg, or in motion .gif or .mp4.",
+            help="Draw into a file: .png or .svg, or in motion, up to a minute, .gif or .mp4.",
             show_default=False,
         ),
     ] = None,
@@ -130,7 +130,15 @@ def show(
 
         captions = [f"{each.id}: {printable(each.source)}" for each in examples]
         theme: Theme | None = "dark" if dark else None
-        write_picture(out, printable(label), list(zip(captions, clips, strict=True)), theme)
+        write_picture(
+            out,
+            printable(label),
+            list(zip(captions, clips, strict=True)),
+            theme,
+            lambda drawings, total: progress(
+                drawings, "Drawing", total=total, shown=not settings.quiet
+            ),
+        )
     seconds = [(each.frames - 1) / each.fps for each in examples]
     if settings.json:
         write_json(

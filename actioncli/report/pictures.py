@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import UsageError
-from actioncli.report.drawing import Theme
+from actioncli.replacing import replacing
+from actioncli.report.drawing import Drawing, Theme
 
 SUFFIXES = (".png", ".svg", ".gif", ".mp4")
 
 # Pictures a second of an animation; a GIF counts in hundredths of a second.
 _RATE = 20.0
+# Seconds of an animation: beyond, it would take minutes to write and most of the memory.
+_LONGEST = 60.0
 
 
 def check_picture(path: Path) -> None:
@@ -28,7 +31,11 @@ def check_picture(path: Path) -> None:
 
 
 def write_picture(
-    path: Path, label: str, clips: Sequence[tuple[str, Clip]], theme: Theme | None = None
+    path: Path,
+    label: str,
+    clips: Sequence[tuple[str, Clip]],
+    theme: Theme | None = None,
+    progress: Callable[[Iterable[Drawing], int], Iterable[Drawing]] | None = None,
 ) -> None:
     """Draw clips into a file of the kind that its suffix names.
 
@@ -37,26 +44,48 @@ def write_picture(
         label: heading of the picture.
         clips: one or more, each with its caption.
         theme: None is light, but an SVG then follows its reader.
+        progress: passes on the drawings of an animation, so many, and shows how far it is.
 
     Raises:
-        UsageError: as `check_picture`; Pillow is missing; the file cannot be written.
+        UsageError: as `check_picture`; a clip is too long for an animation; Pillow is missing; the
+            file cannot be written.
     """
     from actioncli.report.drawing import svg
     from actioncli.report.figure import figure
-    from actioncli.report.scenes import Example, moments, strip
+    from actioncli.report.scenes import Example, moments, pictures, strip
 
     check_picture(path)
+    kind = path.suffix.lower()
+    longest = max(clip.duration for _, clip in clips)
+    if kind in (".gif", ".mp4") and longest > _LONGEST:
+        raise UsageError(
+            f"{path}: shows at most {_LONGEST:.0f} seconds, and a clip lasts {longest:,.0f}; name "
+            "a shorter one, or draw .png or .svg."
+        )
     examples = [Example(figure(clip), caption) for caption, clip in clips]
     try:
-        if path.suffix.lower() == ".svg":
-            path.write_text(svg(strip(label, examples), theme), encoding="utf-8")
-            return
-        from actioncli.report.raster import write_gif, write_mp4, write_png
+        with replacing(path) as part:
+            if kind == ".svg":
+                part.write_text(svg(strip(label, examples), theme), encoding="utf-8")
+                return
+            from actioncli.report.raster import write_gif, write_mp4, write_png
 
-        if path.suffix.lower() == ".png":
-            write_png(path, strip(label, examples), theme or "light")
-        else:
-            write = write_gif if path.suffix.lower() == ".gif" else write_mp4
-            write(path, moments(label, examples, _RATE), theme or "light", _RATE)
+            paper = theme or "light"
+            if kind == ".png":
+                write_png(part, strip(label, examples), paper)
+                return
+            drawings: Iterable[Drawing] = moments(label, examples, _RATE)
+            if progress is not None:
+                drawings = progress(drawings, pictures(examples, _RATE))
+            if kind == ".gif":
+                write_gif(part, drawings, paper, _RATE)
+                return
+            # OpenCV writes MP4 only where the name says so.
+            video = part.with_suffix(kind)
+            try:
+                write_mp4(video, drawings, paper, _RATE)
+                video.replace(part)
+            finally:
+                video.unlink(missing_ok=True)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}.") from error

@@ -67,14 +67,16 @@ def write_gif(path: Path, drawings: Iterable[Drawing], theme: Theme, rate: float
     image, _, _ = _pillow()
     # Few colours and no dithering: drawings are flat, and the file stays small.
     plain = {"colors": 64, "dither": image.Dither.NONE}
-    frames: list[Any] = []
-    for drawing in drawings:
-        frame = image.fromarray(paint(drawing, theme, _MOTION_SHARPNESS))
-        palette = frames[0] if frames else None
-        frames.append(frame.quantize(palette=palette, **plain))
-    shown = round(1000 / rate)
-    frames[0].save(
-        path, format="GIF", save_all=True, append_images=frames[1:], duration=shown, loop=0
+    pictures = (image.fromarray(paint(drawing, theme, _MOTION_SHARPNESS)) for drawing in drawings)
+    first = next(pictures).quantize(**plain)
+    others = (picture.quantize(palette=first, **plain) for picture in pictures)
+    first.save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=others,
+        duration=round(1000 / rate),
+        loop=0,
     )
 
 
@@ -92,7 +94,6 @@ def write_mp4(path: Path, drawings: Iterable[Drawing], theme: Theme, rate: float
             # Encoders take even sizes only.
             height, width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
             if writer is None:
-                path.write_bytes(b"")  # an error that names the reason, which OpenCV does not
                 writer = _video(path, rate, (width, height))
             writer.write(np.ascontiguousarray(pixels[:height, :width, ::-1]))
     finally:

@@ -62,6 +62,12 @@ def strip(label: str, examples: Sequence[Example]) -> Drawing:
     return Drawing(width, top + 6, shapes, f"{label}: poses over time")
 
 
+def pictures(examples: Sequence[Example], rate: float) -> int:
+    """How many `moments` has."""
+    longest = max(example.figure.duration for example in examples)
+    return int((longest + _HOLD) * rate) + 1
+
+
 def moments(label: str, examples: Sequence[Example], rate: float) -> Iterator[Drawing]:
     """The pictures of an animation in which all examples start together, `rate` a second."""
     across = min(len(examples), 4)
@@ -69,8 +75,7 @@ def moments(label: str, examples: Sequence[Example], rate: float) -> Iterator[Dr
     panel = _PANEL if across < 3 else 0.7 * _PANEL
     boxes = [_box(example.figure) for example in examples]
     scale = min((panel - 76) / box for box in boxes)
-    longest = max(example.figure.duration for example in examples)
-    for picture in range(int((longest + _HOLD) * rate) + 1):
+    for picture in range(pictures(examples, rate)):
         seconds = picture / rate
         shapes: list[Shape] = [Text((_MARGIN, 36), label, 20)]
         shapes += _legend(across * panel - _MARGIN, 34)

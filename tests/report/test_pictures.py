@@ -2,6 +2,7 @@
 
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import pytest
 from PIL import Image
 
 from actioncli import Clip, UsageError, read_clip
-from actioncli.report.drawing import PALETTES
+from actioncli.report.drawing import PALETTES, Drawing, Shape
 from actioncli.report.pictures import write_picture
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -95,6 +96,54 @@ def test_mp4_plays(tmp_path: Path) -> None:
     # A video's colours are not exact, but the paper is white.
     assert (frame > 240).all(axis=-1).mean() > 0.7
     assert video.get(cv2.CAP_PROP_FPS) == 20
+
+
+def test_animations_show_how_far_they_are(tmp_path: Path, squat: Clip) -> None:
+    totals, passed = [], []
+
+    def progress(drawings: Iterable[Drawing], total: int) -> Iterator[Drawing]:
+        totals.append(total)
+        for drawing in drawings:
+            passed.append(drawing)
+            yield drawing
+
+    short = Clip(squat.joints[:9], squat.joint_names)
+    for name in ("a.gif", "a.mp4"):
+        write_picture(tmp_path / name, "squat", [("", short)], progress=progress)
+        assert len(passed) == sum(totals)
+    assert totals == [18, 18]
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_nobody_waits_for_an_animation_of_hours(tmp_path: Path, squat: Clip, suffix: str) -> None:
+    slow = Clip(squat.joints, squat.joint_names, fps=0.01)
+    with pytest.raises(UsageError, match=r"at most 60 seconds, and a clip lasts [\d,]+; name a"):
+        write_picture(tmp_path / f"a{suffix}", "squat", [("", slow)])
+    write_picture(tmp_path / "a.png", "squat", [("", slow)])
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".gif", ".mp4"])
+def test_a_picture_is_there_whole_or_not_at_all(
+    tmp_path: Path, squat: Clip, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, other = tmp_path / f"a{suffix}", tmp_path / "other"
+    other.write_text("mine")
+    file.symlink_to(other)
+    clip = Clip(squat.joints[:9], squat.joint_names)
+    with monkeypatch.context() as patch:
+        # As Ctrl-C does, when a part is there.
+        patch.setattr("actioncli.report.scenes.ground_and_body", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            write_picture(file, "squat", [("", clip)])
+    assert file.is_symlink()
+    write_picture(file, "squat", [("", clip)])
+    assert not file.is_symlink()
+    assert other.read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [file.name, "other"]
+
+
+def interrupted(*_: object, **__: object) -> list[Shape]:
+    raise KeyboardInterrupt
 
 
 def test_errors_say_what_to_do(
