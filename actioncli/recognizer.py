@@ -5,9 +5,9 @@ One clip's way: `prepare` → `trx_os.embed` → `compare` with each enrolled ac
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,9 @@ from actioncli.pose.active import cut
 from actioncli.windows import odds_factor, windows
 
 DEFAULT_TAU = 0.5
-# Clips and windows that are embedded and compared at a time; each takes a quarter of a megabyte.
-_AT_ONCE = 256
+# Clips and windows that are embedded and compared at a time, and their frames: each clip takes a
+# quarter of a megabyte, and another one for every thousand frames.
+_AT_ONCE, _FRAMES_AT_ONCE = 256, 2**15
 
 # When a part of a clip begins and ends, seconds of its source.
 _Span = tuple[float, float]
@@ -202,7 +203,7 @@ class Recognizer:
             for part in chain([clip], windows(clip, durations))
         )
         wholes, found = [], []
-        while block := list(islice(parts, _AT_ONCE)):
+        for block in _blocks(parts):
             embedded = self._embed([part for _, part in block], queries=True)
             found.append(self.compare(embedded, examples))
             for at, (number, part) in enumerate(block):
@@ -296,6 +297,20 @@ class Recognizer:
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else self.embed(clips)
+
+
+def _blocks(parts: Iterable[tuple[int, Clip]]) -> Iterator[list[tuple[int, Clip]]]:
+    """As many at a time as memory is meant for."""
+    block: list[tuple[int, Clip]] = []
+    frames = 0
+    for numbered in parts:
+        block.append(numbered)
+        frames += len(numbered[1])
+        if len(block) == _AT_ONCE or frames >= _FRAMES_AT_ONCE:
+            yield block
+            block, frames = [], 0
+    if block:
+        yield block
 
 
 def _durations(support: Mapping[str, Sequence[Clip] | FloatArray]) -> list[float]:

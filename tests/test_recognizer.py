@@ -330,16 +330,28 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
     support = {"early": at(2.5), "late": at(13.0)}
     clips = [LONG, moving(1), moving(11, start=4)]
     together = OnALine().classify_all(clips, support, 0.4, at(12.75), LASTING)
-    monkeypatch.setattr("actioncli.recognizer._AT_ONCE", 7)
-    most = []
+    most: list[int] = []
+    frames: list[int] = []
 
-    class InPieces(OnALine):
+    class Watched(OnALine):
         def _embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
             most.append(len(clips))
+            frames.append(sum(map(len, clips)))
             return super()._embed(clips, queries)
 
-    assert InPieces().classify_all(clips, support, 0.4, at(12.75), LASTING) == together
+    def in_pieces(limit: str, number: int) -> None:
+        del most[:], frames[:]
+        with monkeypatch.context() as patch:
+            patch.setattr(f"actioncli.recognizer.{limit}", number)
+            found = Watched().classify_all(clips, support, 0.4, at(12.75), LASTING)
+        assert found == together
+
+    in_pieces("_AT_ONCE", 7)
     assert max(most) == 7
+    # A block ends with the clip that makes it as large as that; the first is that large alone.
+    in_pieces("_FRAMES_AT_ONCE", len(LONG))
+    assert most[0] == 1
+    assert len(LONG) <= max(frames[1:]) < len(LONG) + max(map(len, clips))
 
 
 def test_of_a_long_clip_the_surest_window_decides_at_longer_odds() -> None:
