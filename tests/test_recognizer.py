@@ -348,10 +348,14 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
 
     in_pieces("_AT_ONCE", 7)
     assert max(most) == 7
-    # A block ends with the clip that makes it as large as that; the first is that large alone.
+    # A block ends with the clip that makes it as large as that.
     in_pieces("_FRAMES_AT_ONCE", len(LONG))
     assert most[0] == 1
-    assert len(LONG) <= max(frames[1:]) < len(LONG) + max(map(len, clips))
+    in_pieces("_FRAMES_AT_ONCE", len(LONG) + 1)
+    assert most[0] == 2
+    in_pieces("_FRAMES_AT_ONCE", len(PARTS[0]) + 1)
+    assert most[:2] == [1, 2]
+    assert frames[1] == len(PARTS[0]) + len(PARTS[1])
 
 
 def test_of_a_long_clip_the_surest_window_decides_at_longer_odds() -> None:
