@@ -318,7 +318,7 @@ def test_a_file_that_kills_its_workers_becomes_a_row(
     folder, output = place / "deadly", place / "deadly.parquet"
     folder.mkdir()
     # So long that its worker can be found, which is then killed as lack of memory does it.
-    motion = np.random.default_rng(0).normal(size=(30_000, 24, 3)).cumsum(axis=0) / 100
+    motion = np.random.default_rng(0).normal(size=(80_000, 24, 3)).cumsum(axis=0) / 100
     np.save(folder / "long.npy", motion)
     np.save(folder / "short.npy", motion[:60])
     more = ("--layout", "smpl_24", "--unit", "m", "--up", "y", "--fps", "30")
