@@ -163,12 +163,11 @@ class Recognizer:
             return []
         examples = {label: self._embedded(of_action) for label, of_action in support.items()}
         lasting = tuple(_durations(support) if durations is None else durations)
-        spans: list[list[_Span]] = [[] for _ in clips]
-        wholes: Sequence[FloatArray]
         if isinstance(clips, np.ndarray):
             wholes, comparison = list(clips), self.compare(clips, examples)
+            spans: list[list[_Span]] = [[] for _ in clips]
         else:
-            wholes, comparison = self._compare_parts(clips, lasting, examples, spans)
+            wholes, comparison, spans = self._compare_parts(clips, lasting, examples)
         # Once for all clips.
         kept = None if negatives is None or not len(negatives) else self._embedded(negatives)
         decisions, end = [], 0
@@ -188,15 +187,15 @@ class Recognizer:
         clips: Sequence[Clip],
         durations: Sequence[float],
         examples: Mapping[str, FloatArray],
-        spans: Sequence[list[_Span]],
-    ) -> tuple[list[FloatArray], Comparison]:
-        """Compare each clip, and after it its windows; when each begins and ends joins `spans`.
-
-        So many at a time that memory does not grow with their number.
+    ) -> tuple[list[FloatArray], Comparison, list[list[_Span]]]:
+        """Compare each clip, and after it its windows, so many at a time that memory does not grow
+        with their number.
 
         Returns:
-            Embeddings of the whole clips, and the comparison.
+            Embeddings of the whole clips; the comparison of all; and of each clip, when it and its
+            windows begin and end.
         """
+        spans: list[list[_Span]] = [[] for _ in clips]
         parts = (
             (number, part)
             for number, clip in enumerate(clips)
@@ -210,12 +209,13 @@ class Recognizer:
                 if not spans[number]:
                     wholes.append(embedded[at].copy())  # not the whole block
                 spans[number].append((part.start, part.start + part.duration))
-        return wholes, Comparison(
+        comparison = Comparison(
             labels=found[0].labels,
             distance=np.concatenate([each.distance for each in found]),
             confidence=np.concatenate([each.confidence for each in found]),
             probability=np.concatenate([each.probability for each in found]),
         )
+        return wholes, comparison, spans
 
     def _decide(
         self,
