@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 @contextmanager
-def replacing(path: Path, private: bool = False) -> Iterator[Path]:
+def replacing(path: Path, private: bool = False, suffix: str = ".part") -> Iterator[Path]:
     """A new, empty file beside `path` that takes its place when the block ends well.
 
     Its name cannot be guessed and it is never one that was there: a link that another user laid
@@ -19,11 +19,12 @@ def replacing(path: Path, private: bool = False) -> Iterator[Path]:
     Args:
         path: the file to write; its folder must exist.
         private: keep the mode 0600 whatever the umask allows.
+        suffix: how the new file's name ends, for libraries that go by it.
 
     Raises:
         OSError: it cannot be written.
     """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".actioncli-", suffix=".part")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".actioncli-", suffix=suffix)
     os.close(handle)
     part = Path(name)
     try:

@@ -1,12 +1,14 @@
-"""Children of a test: to be killed, to run without root's rights, or to run out of space."""
+"""Processes in need: to be killed, to run without root's rights, or to run out of space."""
 
 from __future__ import annotations
 
 import os
+import resource
 import sys
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 NOBODY = 65534
 
@@ -30,8 +32,6 @@ def fork(work: Callable[[], object], ordinary: bool = False, limit: bool = False
     code = 1
     try:
         if limit:
-            import resource
-
             resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
         if ordinary and os.geteuid() == 0:
             os.setgroups([])
@@ -44,3 +44,14 @@ def fork(work: Callable[[], object], ordinary: bool = False, limit: bool = False
         sys.stderr.flush()
     finally:
         os._exit(code)
+
+
+@contextmanager
+def files_up_to(size: int) -> Iterator[None]:
+    """Let no file of this process grow beyond so many bytes, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -73,12 +73,7 @@ def repetition(clip: Clip) -> tuple[float, float] | None:
     longest = int(len(clip) / _LEAST_PERIODS)
     if power < 1e-8 or longest < 3:
         return None
-    agreement = np.array(
-        [
-            (posture[: len(clip) - lag] * posture[lag:]).sum(axis=1).mean() / power
-            for lag in range(longest + 1)
-        ]
-    )
+    agreement = _autocorrelation(posture, longest) / power
     peaks = [
         lag
         for lag in range(max(2, round(_SHORTEST_PERIOD * clip.fps)), longest)
@@ -95,6 +90,17 @@ def repetition(clip: Clip) -> tuple[float, float] | None:
     rest = height[:, column("head")] - ankles - hands
     start = int(rest[: len(clip) - period].argmax())
     return start / clip.fps, (start + period) / clip.fps
+
+
+def _autocorrelation(signal: FloatArray, longest: int) -> NDArray[np.float64]:
+    """Mean product of a signal (T, D) with itself 0, 1, ... `longest` frames later.
+
+    By Fourier transform (Wiener-Khinchin): an hour has ten thousands of lags.
+    """
+    count = len(signal) + longest  # zeros enough that no end meets the beginning
+    spectrum = np.fft.rfft(signal.astype(np.float64), count, axis=0)
+    products = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=1), count)[: longest + 1]
+    return np.asarray(products / (len(signal) - np.arange(longest + 1)))
 
 
 def limb_speed(clip: Clip) -> FloatArray:

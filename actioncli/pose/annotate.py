@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,10 +11,12 @@ import numpy as np
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import ClipError
 from actioncli.pose.frames import VideoFile
+from actioncli.pose.mp4 import mp4_writer
 from actioncli.pose.poses import LONGEST_GAP, Poses, resample
 from actioncli.pose.region import Image
 from actioncli.pose.sides import JOINT_NAMES
 from actioncli.pose.video import Progress
+from actioncli.replacing import replacing
 
 # Bones by name, with `?` for either side; left is drawn in one colour, right in another.
 _MIDDLE = ("lsho rsho", "lhip rhip")
@@ -26,6 +27,9 @@ _SIDED = (
 # Blue, green, red, as OpenCV has them: they stay apart for the colour-blind too.
 _COLOURS = {"l": (230, 159, 0), "r": (0, 94, 213), "m": (240, 240, 240)}
 _LEAST_VISIBLE = 0.5
+# Frames written for each that was looked at, of which there are up to 15 a second: a header may
+# state times of years.
+_MOST_PER_LOOK = 100
 
 
 def bones() -> list[tuple[int, int, tuple[int, int, int]]]:
@@ -59,33 +63,30 @@ def annotate_video(
         ClipError: the video cannot be read, or the file not be written.
     """
     source = VideoFile(video)
-    writer = None
+    start, end = float(poses.frames[0]), float(poses.frames[-1])
+    if (end - start) * source.fps > _MOST_PER_LOOK * len(poses.frames):
+        raise ClipError(
+            f"{video}: has {len(poses.frames)} frames in {end - start:,.0f} s, and would have to "
+            "be filled up to be drawn; narrow the time down with --start and --end."
+        )
     count = 0
     try:
-        with tempfile.TemporaryDirectory(dir=output.parent, prefix=".annotate-") as scratch:
-            part = Path(scratch, "part.mp4")
-            start, end = float(poses.frames[0]), float(poses.frames[-1])
+        with (
+            replacing(output, suffix=".mp4") as part,
+            mp4_writer(part, source.fps, ("mp4v",)) as write,
+        ):
             for looked, frame in enumerate(source.frames(start, end), 1):
                 if progress is not None:
                     progress(Progress(looked, frame.time - start, end - start))
                 image = frame.image.copy()
                 _draw(image, poses, frame.time)
                 _write(image, lines)
-                if writer is None:
-                    size = image.shape[1], image.shape[0]
-                    code = cv2.VideoWriter.fourcc(*"mp4v")
-                    writer = cv2.VideoWriter(str(part), code, source.fps, size)
-                    if not writer.isOpened():
-                        raise ClipError(f"{output}: this OpenCV cannot write MP4 videos.")
                 # The file's frame rate is constant: a frame stays until the next one's time.
                 while count <= round((frame.time - start) * source.fps):
-                    writer.write(image)
+                    write(image)
                     count += 1
-            if writer is not None:
-                writer.release()
-                part.replace(output)
     except OSError as error:
-        raise ClipError(f"{output}: cannot be written: {error.strerror}.") from error
+        raise ClipError(f"{output}: cannot be written: {error.strerror or error}.") from error
     return count
 
 

@@ -36,18 +36,24 @@ class Frame:
     image: Image
 
 
-def opened(source: str | int, backend: int) -> cv2.VideoCapture:
-    """Open a file, an address or a camera; what the libraries would print is kept quiet."""
-    # FFmpeg and OpenCV write their complaints past Python; what matters is told by our errors.
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep back what FFmpeg and OpenCV write past Python; what matters is told by our errors."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     # These functions are in another place since OpenCV 5.
     logging = cv2.utils.logging if hasattr(cv2.utils, "logging") else cv2
     level = logging.getLogLevel()
     logging.setLogLevel(_SILENT)
     try:
-        return cv2.VideoCapture(source, backend)
+        yield
     finally:
         logging.setLogLevel(level)
+
+
+def opened(source: str | int, backend: int) -> cv2.VideoCapture:
+    """Open a file, an address or a camera, quietly."""
+    with quiet():
+        return cv2.VideoCapture(source, backend)
 
 
 @contextlib.contextmanager

@@ -64,7 +64,7 @@ def write_picture(
         )
     examples = [Example(figure(clip), caption) for caption, clip in clips]
     try:
-        with replacing(path) as part:
+        with replacing(path, suffix=kind) as part:
             if kind == ".svg":
                 part.write_text(svg(strip(label, examples), theme), encoding="utf-8")
                 return
@@ -77,15 +77,7 @@ def write_picture(
             drawings: Iterable[Drawing] = moments(label, examples, _RATE)
             if progress is not None:
                 drawings = progress(drawings, pictures(examples, _RATE))
-            if kind == ".gif":
-                write_gif(part, drawings, paper, _RATE)
-                return
-            # OpenCV writes MP4 only where the name says so.
-            video = part.with_suffix(kind)
-            try:
-                write_mp4(video, drawings, paper, _RATE)
-                video.replace(part)
-            finally:
-                video.unlink(missing_ok=True)
+            write = write_gif if kind == ".gif" else write_mp4
+            write(part, drawings, paper, _RATE)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}.") from error

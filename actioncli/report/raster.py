@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.errors import UsageError
+from actioncli.pose.mp4 import mp4_writer
 from actioncli.report.drawing import PALETTES, Drawing, Line, Oval, Text, Theme
 
 Pixels = NDArray[np.uint8]
@@ -84,30 +85,15 @@ def write_mp4(path: Path, drawings: Iterable[Drawing], theme: Theme, rate: float
     """Write a video, `rate` pictures a second.
 
     Raises:
-        UsageError: Pillow is not installed, or OpenCV cannot write videos here.
-        OSError: the file cannot be written.
+        UsageError, OSError: as `write_png`.
     """
-    writer: Any = None
-    try:
+    # VP9 plays in browsers; the older codec is there where VP9 is not.
+    with mp4_writer(path, rate, ("vp09", "mp4v")) as write:
         for drawing in drawings:
             pixels = paint(drawing, theme, _MOTION_SHARPNESS)
             # Encoders take even sizes only.
             height, width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
-            if writer is None:
-                writer = _video(path, rate, (width, height))
-            writer.write(np.ascontiguousarray(pixels[:height, :width, ::-1]))
-    finally:
-        if writer is not None:
-            writer.release()
-
-
-def _video(path: Path, rate: float, size: tuple[int, int]) -> Any:
-    # VP9 plays in browsers; the older codec is there where VP9 is not.
-    for codec in ("vp09", "mp4v"):
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
-        if writer.isOpened():
-            return writer
-    raise UsageError("this OpenCV cannot write MP4; ask for .gif instead.")
+            write(np.ascontiguousarray(pixels[:height, :width, ::-1]))
 
 
 def _pillow() -> tuple[Any, Any, Any]:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.pose.active import action_in, active_part, cut, repetition
+from actioncli.pose.active import _autocorrelation, action_in, active_part, cut, repetition
 
 
 def clip_of(moving: np.ndarray, fps: float = 20.0, seen: np.ndarray | None = None) -> Clip:
@@ -122,3 +122,16 @@ def test_a_part_of_any_clip(moving: list[bool], losses: list[int], fps: float) -
     assert 0 <= start < end <= clip.duration + 1e-9
     assert repetitions >= 1
     assert len(cut(clip, start, end)) >= 2
+
+
+@given(frames=st.integers(2, 60), columns=st.integers(1, 4), data=st.data())
+def test_autocorrelation_is_the_mean_of_products(
+    frames: int, columns: int, data: st.DataObject
+) -> None:
+    longest = data.draw(st.integers(0, frames - 1))
+    seed = data.draw(st.integers(0, 99))
+    signal = np.random.default_rng(seed).normal(size=(frames, columns)).astype(np.float32)
+    direct = [
+        (signal[: frames - lag] * signal[lag:]).sum(axis=1).mean() for lag in range(longest + 1)
+    ]
+    assert _autocorrelation(signal, longest) == pytest.approx(direct, abs=1e-4)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from actioncli.pose.frames import VideoFile
 from actioncli.pose.poses import Poses
 from actioncli.pose.sides import JOINT_NAMES
 from actioncli.pose.video import Progress
+from tests.forking import files_up_to
 
 from .videos import numbered, slow_down_second_half, write_video
 
@@ -73,3 +75,20 @@ def test_no_folder(tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", numbered(3))
     with pytest.raises(ClipError, match="cannot be written"):
         annotate_video(video, tmp_path / "no" / "out.mp4", standing(3), ["a"])
+
+
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", numbered(12))
+    (tmp_path / "out.mp4").write_text("mine")
+    with files_up_to(1000), pytest.raises(ClipError, match=r"cannot be written: .* full disk"):
+        annotate_video(video, tmp_path / "out.mp4", standing(12), ["a"])
+    assert (tmp_path / "out.mp4").read_text() == "mine"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_frames_of_years_fill_no_disk(tmp_path: Path) -> None:
+    """As where a header states a rate, and the frames their own times."""
+    video = write_video(tmp_path / "in.mp4", numbered(12))
+    poses = replace(standing(12), frames=np.geomspace(1, 1e6, 12))
+    with pytest.raises(ClipError, match=r"has 12 frames in 999,999 s.* narrow the time down"):
+        annotate_video(video, tmp_path / "out.mp4", poses, ["a"])
