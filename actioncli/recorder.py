@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from collections.abc import Sequence
@@ -183,9 +184,7 @@ class Recorder:
             return
         from actioncli.clips.write import write_clip
 
-        name = re.sub(r"[^\w-]+", "_", label)[:40]
-        taken = {int(file.name[:4]) for file in self._folder.glob("[0-9][0-9][0-9][0-9]_*")}
-        file = self._folder / f"{max(taken, default=0) + 1:04d}_{name}.npz"
+        file = self._new_file(re.sub(r"[^\w-]+", "_", label)[:40])
         kept = Kept(
             file=file,
             label=label,
@@ -196,11 +195,34 @@ class Recorder:
             end=end,
             source=self._source,
         )
-        write_clip(file, clip, private=True)
         description = {key: value for key, value in asdict(kept).items() if key != "file"}
         text = json.dumps(description, indent=1)
-        with replacing(file.with_suffix(".json"), private=True) as part:
-            part.write_text(f"{text}\n", encoding="utf-8")
+        try:
+            write_clip(file, clip, private=True)
+            with replacing(file.with_suffix(".json"), private=True) as part:
+                part.write_text(f"{text}\n", encoding="utf-8")
+        except BaseException as error:
+            file.unlink(missing_ok=True)
+            if isinstance(error, OSError):
+                raise ClipError(f"{file}: cannot be written: {error.strerror}.") from error
+            raise
+
+    def _new_file(self, name: str) -> Path:
+        """An empty file with the next number, which is nobody else's: others may record here.
+
+        Raises:
+            ClipError: it cannot be made.
+        """
+        try:
+            number = max((_number(file) for file in self._folder.iterdir()), default=0)
+            while True:
+                number += 1
+                file = self._folder / f"{number:04d}_{name}.npz"
+                with contextlib.suppress(FileExistsError):
+                    file.touch(mode=0o600, exist_ok=False)
+                    return file
+        except OSError as error:
+            raise ClipError(f"{self._folder}: cannot be written: {error.strerror}.") from error
 
 
 def kept_clips(folder: Path) -> list[Kept]:
@@ -212,7 +234,7 @@ def kept_clips(folder: Path) -> list[Kept]:
     if not folder.is_dir():
         raise UsageError(f"{folder}: no such folder; `actioncli watch --record FOLDER` fills one.")
     found = []
-    for description in sorted(folder.glob("[0-9][0-9][0-9][0-9]_*.json")):
+    for description in sorted(filter(_number, folder.glob("*.json")), key=_in_order):
         clip = description.with_suffix(".npz")
         if not clip.is_file():
             continue
@@ -236,6 +258,16 @@ def kept_clips(folder: Path) -> list[Kept]:
                 f"{description}: damaged ({type(error).__name__}: {error}); delete it and its clip."
             ) from error
     return found
+
+
+def _number(file: Path) -> int:
+    """From 1, as the name of a clip and its description begins; 0 for any other file."""
+    digits = re.match(r"([0-9]{4,18})_", file.name)
+    return int(digits[1]) if digits else 0
+
+
+def _in_order(file: Path) -> tuple[int, str]:
+    return _number(file), file.name
 
 
 def _part(clip: Clip, now: float, start: float, end: float) -> Clip | None:

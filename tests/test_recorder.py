@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from report.test_figure import standing
 
-from actioncli import Clip, UsageError
+from actioncli import Clip, ClipError, UsageError
 from actioncli.clips.layouts import LAYOUTS
 from actioncli.events import Event, Sighting
 from actioncli.recorder import Kept, Recorder, kept_clips
 from actioncli.threshold import Threshold
+from tests.forking import files_up_to
 
 NAMES = LAYOUTS["default_15"]
 RATE = 10.0
@@ -99,6 +100,35 @@ def test_later_recordings_go_beside_earlier_ones(tmp_path: Path) -> None:
     found[0].forget()
     assert len(kept_clips(tmp_path / "deep" / "folder")) == 1
     assert len(list((tmp_path / "deep" / "folder").iterdir())) == 2
+
+
+def test_nothing_is_written_over_after_ten_thousand_clips(tmp_path: Path) -> None:
+    (tmp_path / "9999_wave.npz").touch()
+    event = Event("wave", 1, 2, 0.9)
+    for _ in range(3):
+        recorder(tmp_path).look(stream(2), 2, [], [event], False)
+    names = [kept.file.name for kept in kept_clips(tmp_path)]
+    assert names == ["10000_wave.npz", "10001_wave.npz", "10002_wave.npz"]
+
+
+def test_two_may_record_into_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        # As where the other one's clip appears after this one has looked.
+        patch.setattr("actioncli.recorder._number", lambda _: 0)
+        for confidence in (0.8, 0.9):
+            event = Event("wave", 1, 2, confidence)
+            recorder(tmp_path).look(stream(2), 2, [], [event], False)
+    assert [kept.confidence for kept in kept_clips(tmp_path)] == [0.8, 0.9]
+
+
+@pytest.mark.parametrize("most", [0, 1500])
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, most: int) -> None:
+    one = recorder(tmp_path)
+    with files_up_to(most), pytest.raises(ClipError, match="cannot be written"):
+        one.look(stream(2), 2, [], [Event("wave" * 400, 1, 2, 0.9)], False)
+    assert list(tmp_path.iterdir()) == []
+    one.look(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
+    assert len(kept_clips(tmp_path)) == 1
 
 
 def test_damage_and_absence_are_told(tmp_path: Path) -> None:

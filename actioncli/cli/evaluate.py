@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -218,15 +218,15 @@ def evaluate(
     document = {**first, "others": others}
     if to_stdout:
         write_json(document)
-    elif as_json is not None:
-        as_json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-    if not to_stdout:
+    else:
         for place, run in enumerate(runs):
             if place:
                 say()
             say_figures(run.found)
             for each in run.acceptance if acceptance else ():
                 say_acceptance(each, tau)
+    if as_json is not None and not to_stdout:
+        _write_document(as_json, document)
     if report is not None:
         from actioncli.report.evaluation import Report, write_report
 
@@ -268,8 +268,20 @@ def _check_target(file: Path) -> None:
     """Find out before minutes of work that the result could not be written."""
     if str(file).startswith("-"):
         raise UsageError("--json needs a file here, or - for standard output.")
+    if file.is_dir():
+        raise UsageError(f"{file}: is a folder; name a file for the JSON document.")
     if not file.resolve().parent.is_dir():
         raise UsageError(f"{file}: the folder for the JSON document does not exist.")
+
+
+def _write_document(file: Path, document: Mapping[str, object]) -> None:
+    from actioncli.replacing import replacing
+
+    try:
+        with replacing(file) as part:
+            part.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be written: {error.strerror}.") from error
 
 
 def _read(

@@ -20,7 +20,7 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import enrolled
 from actioncli.cli.options import QualityOption, TauOption, WeightsOption, checked_quality
-from actioncli.cli.output import number, printable, say
+from actioncli.cli.output import note, number, printable, say
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ class _Runner:
     def __call__(self, event: Event) -> None:
         self.running = [process for process in self.running if process.poll() is None]
         if len(self.running) >= _MOST_RUNNING:
-            typer.echo(f"note: {_MOST_RUNNING} commands still run; not run again.", err=True)
+            note(f"note: {_MOST_RUNNING} commands still run; not run again.")
             return
         told = {
             "ACTIONCLI_LABEL": event.label,
@@ -232,9 +232,14 @@ class _Runner:
         }
         # Its output goes to standard error: standard output belongs to the events.
         environment = {**os.environ, **told}
-        self.running.append(
-            subprocess.Popen(self.words, env=environment, stdin=subprocess.DEVNULL, stdout=2)
-        )
+        try:
+            running = subprocess.Popen(
+                self.words, env=environment, stdin=subprocess.DEVNULL, stdout=2
+            )
+        except OSError as error:  # such as a script whose first line names no program
+            note(f"error: --exec {printable(self.line)}: cannot be run: {error.strerror}.")
+        else:
+            self.running.append(running)
 
     def wait(self) -> None:
         """Give commands that still run a little time; they are not ended."""

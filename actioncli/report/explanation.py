@@ -16,6 +16,7 @@ from actioncli.decision import Decision
 from actioncli.errors import UsageError
 from actioncli.explanation import Attended, Explanation
 from actioncli.model.config import ModelConfig
+from actioncli.replacing import replacing
 from actioncli.report.drawing import Text, elements
 from actioncli.report.figure import Figure, figure
 from actioncli.report.page import Stage, page, playable, scrolling
@@ -79,7 +80,8 @@ def write_explanation(
     body = "\n".join(parts)
     title = f"{'Accepted' if decision.accepted else 'Rejected'}: {Path(query.source).name}"
     try:
-        path.write_text(page(title, body, stage.figures), encoding="utf-8")
+        with replacing(path) as part:
+            part.write_text(page(title, body, stage.figures), encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}.") from error
 

@@ -36,6 +36,7 @@ class TrainingState:
 
 def save_checkpoint(path: Path, state: TrainingState, fingerprint: str) -> None:
     """Replace the checkpoint at once: a kill leaves the old one or the new one."""
+    from safetensors import SafetensorError
     from safetensors.torch import save_file
 
     tensors = {f"param/{name}": tensor.detach() for name, tensor in state.params.items()}
@@ -52,8 +53,9 @@ def save_checkpoint(path: Path, state: TrainingState, fingerprint: str) -> None:
     try:
         with replacing(path) as part:
             save_file({name: t.contiguous() for name, t in tensors.items()}, part, metadata=header)
-    except OSError as error:
-        raise WeightsError(f"{path}: cannot write the checkpoint: {error.strerror}.") from error
+    except (SafetensorError, OSError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise WeightsError(f"{path}: cannot write the checkpoint: {reason}.") from error
 
 
 def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:

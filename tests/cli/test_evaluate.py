@@ -10,6 +10,7 @@ from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import write_weights
+from tests.forking import files_up_to
 
 from .conftest import Invoke
 
@@ -95,6 +96,20 @@ def test_json_goes_to_a_file_beside_the_table(
     assert len(document["acceptance"][0]["classes"]) == 4
 
 
+def test_a_full_disk_takes_the_document_and_not_the_table(
+    invoke: Invoke, toys: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "figures.json"
+    file.write_text("before")
+    words = ["evaluate", toys / "one.npz", "--baseline", "always-reject", "--episodes", 2]
+    with files_up_to(100):
+        result = invoke(*words, "--json", file)
+    assert result.exit_code == 2
+    assert f"{file}: cannot be written: File too large." in result.stderr
+    assert "FSOS-ACC" in result.stdout
+    assert file.read_text() == "before"
+
+
 def test_json_alone_is_printed_on_request(invoke: Invoke, toys: Path) -> None:
     arguments = ["evaluate", toys / "one.npz", "--baseline", "always-reject", "--episodes", 2]
     dash = json.loads(invoke(*arguments, "--json", "-").stdout)
@@ -155,6 +170,7 @@ def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path
         (["one.npz", "--baseline", "knn"], "unknown baseline 'knn'"),
         (["one.npz", "--tau", "2"], "tau must lie between 0 and 1"),
         (["one.npz", "--json", "none/x.json"], "folder for the JSON document does not exist"),
+        (["one.npz", "--json", "."], "is a folder; name a file"),
         (["one.npz", "--json", "--ways"], "--json needs a file"),
         (["one.npz", "--baseline", "dtw-cohort", "--weights", "w.safetensors"], "of --splits"),
     ],

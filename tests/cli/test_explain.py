@@ -41,6 +41,16 @@ def test_a_nearer_negative_is_the_reason(
     assert "a negative is nearer" in page.read_text(encoding="utf-8")
 
 
+def test_the_page_is_not_written_through_a_link(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    page, other = tmp_path / "why.html", tmp_path / "other"
+    other.write_text("mine")
+    page.symlink_to(other)
+    assert invoke("classify", WAVE, "--explain", page).exit_code == 0
+    assert (other.read_text(), page.is_symlink()) == ("mine", False)
+
+
 def test_labels_stay_text(invoke: Invoke, tmp_path: Path) -> None:
     label = "</script><script>alert(1)</script>"
     invoke("enroll", label, WAVE)

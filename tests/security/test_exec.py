@@ -54,6 +54,22 @@ def test_a_shell_that_the_user_asks_for_gets_the_label_as_a_variable(
     assert not Path("pwned").exists()
 
 
+def test_what_the_system_cannot_run_does_not_end_watching(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    script = tmp_path / "script"
+    script.write_text("echo no first line that names a program\n")
+    script.chmod(0o700)
+    run = _Runner(str(script))
+    run(Event("wave", 1.0, 2.5, 0.75))
+    script.unlink()
+    run(Event("wave", 3.0, 4.5, 0.75))
+    run.wait()
+    first, second = capfd.readouterr().err.splitlines()
+    assert first == f"error: --exec {script}: cannot be run: Exec format error."
+    assert second == f"error: --exec {script}: cannot be run: No such file or directory."
+
+
 @pytest.mark.parametrize("line", ["", "  ", "no-such-program-anywhere", "echo 'open"])
 def test_what_is_no_command_is_told_before_anything_is_watched(line: str) -> None:
     with pytest.raises(UsageError, match="--exec"):

@@ -17,6 +17,7 @@ from actioncli.training.data import TrainingSet, hold_out
 from actioncli.training.loop import Progress, train
 from actioncli.training.recipes import RECIPES, Recipe
 from actioncli.training.validation import Validation
+from tests.forking import files_up_to
 
 SHORT = replace(RECIPES["paper"], steps=6, batch=1, ways=3, validate_every=2)
 
@@ -107,6 +108,18 @@ def test_a_checkpoint_of_another_run_is_refused(world: TrainingSet, tmp_path: Pa
     (tmp_path / "w.safetensors.checkpoint").write_bytes(b"damaged")
     with pytest.raises(WeightsError, match="damaged checkpoint"):
         run(world, out)
+
+
+def test_a_checkpoint_that_cannot_be_written_is_told(world: TrainingSet, tmp_path: Path) -> None:
+    def stop(now: Progress) -> None:
+        raise KeyboardInterrupt
+
+    with (
+        files_up_to(1000),
+        pytest.raises(WeightsError, match=r"cannot write the check.*too"),
+    ):
+        run(world, tmp_path / "w.safetensors", report=stop)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_too_few_classes_are_told(world: TrainingSet, tmp_path: Path) -> None:
