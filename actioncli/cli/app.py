@@ -6,6 +6,7 @@ their functions: `list-support` answers before numpy could have been imported.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import sys
@@ -99,6 +100,12 @@ class Application(TyperGroup):
             code = _report(UsageError(message), EXIT_USAGE, told)
         except typer.Abort as error:
             code = _report(error, EXIT_INTERRUPTED, Settings(), "interrupted")
+        except (OutputError, OSError) as failed:
+            # Help and version are written while the command line is read.
+            _drop_output()
+            if isinstance(failed, OSError):
+                failed = OutputError(f"the output cannot be written: {failed.strerror}.")
+            code = _report(failed, failed.exit_code, Settings())
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
@@ -139,13 +146,15 @@ def _report(
 ) -> int:
     """Tell an error: one line on standard error, and one document where JSON is wanted."""
     settings = settings or Settings()
-    if settings.debug:
-        for line in "".join(traceback.format_exception(error)).splitlines():
-            note(printable(line))
     text = " ".join((str(error) if message is None else message).splitlines())
-    note(f"error: {printable(text)}")
-    if settings.json:
-        write_json({"error": {**error_entry(error, code), "message": text}})
+    # Where nothing can be written, the exit code alone tells.
+    with contextlib.suppress(OutputError, BrokenPipeError):
+        if settings.debug:
+            for line in "".join(traceback.format_exception(error)).splitlines():
+                note(printable(line))
+        note(f"error: {printable(text)}")
+        if settings.json:
+            write_json({"error": {**error_entry(error, code), "message": text}})
     return code
 
 

@@ -141,6 +141,17 @@ def test_output_that_cannot_be_written_is_told(run: Run, filled: SupportStore) -
     assert done.stderr == "error: the output cannot be written: No space left on device.\n"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    ("words", "code"), [(["--help"], 74), (["--version"], 74), (["show", "nobody"], 4)]
+)
+def test_where_nothing_can_be_written_the_exit_code_tells(
+    run: Run, filled: SupportStore, words: list[str], code: int
+) -> None:
+    with Path("/dev/full").open("w") as full:
+        assert run(*words, stdout=full, stderr=full).returncode == code
+
+
 def test_labels_that_the_terminal_cannot_show_are_escaped(
     run: Run, store: SupportStore, clip: MakeClip
 ) -> None:
