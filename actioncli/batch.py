@@ -103,12 +103,17 @@ class Stage:
             "part_end": end,
             "frames": len(clip),
             "seconds": clip.duration,
-            "notes": list(decision.notes),
+            "notes": [_text(each) for each in decision.notes],
         }
 
 
 def _failed(source: str, kind: str, message: str) -> Row:
-    return {"source": source, "error_type": kind, "error": " ".join(message.split())}
+    return {"source": source, "error_type": kind, "error": _text(" ".join(message.split()))}
+
+
+def _text(told: str) -> str:
+    """Half a character, as JSON can hold, cannot stand in a table."""
+    return told.encode(errors="backslashreplace").decode()
 
 
 def decide(task: Task, results: Results) -> Generator[Row, None, None]:

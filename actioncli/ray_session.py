@@ -141,7 +141,8 @@ def _start(how: Mapping[str, Any]) -> None:
     import ray
 
     try:
-        ray.init(**how, logging_level=logging.CRITICAL, log_to_driver=False)
+        with _mute():
+            ray.init(**how, logging_level=logging.CRITICAL, log_to_driver=False)
     # Ray raises Exception itself where its processes are not up within half a minute, and
     # ConnectionError where `auto` finds no cluster.
     except Exception as error:
@@ -149,3 +150,17 @@ def _start(how: Mapping[str, Any]) -> None:
             f"Ray does not start: {error} (try again when the machine is less busy, or with --ray "
             "on a cluster that runs)."
         ) from error
+
+
+@contextlib.contextmanager
+def _mute() -> Iterator[None]:
+    """Keep off standard error what Ray writes past Python: that it heeds its log level."""
+    before = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    os.close(nowhere)
+    try:
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)

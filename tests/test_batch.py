@@ -64,6 +64,14 @@ def test_whatever_a_file_does_is_a_row(task: Task) -> None:
     assert "this is a bug" in row["error"]
 
 
+def test_half_a_character_stands_in_a_table_escaped(task: Task) -> None:
+    """No table holds it as it is, and one row must not cost the others."""
+    stage = Stage(replace(task, options={"\ud800": 1}))
+    batch = pa.table({"source": [str(EXAMPLES / "squat/ada.npz")]})
+    [table] = stage(batch)
+    assert "\\ud800" in table.to_pylist()[0]["error"]
+
+
 def test_a_worker_of_another_version_refuses(task: Task) -> None:
     with pytest.raises(UsageError, match="a machine of the cluster has actioncli"):
         Stage(replace(task, version="0.0.1"))

@@ -283,6 +283,8 @@ def test_what_a_killed_and_an_interrupted_run_leave_ends_like_one_run(
     for end, last in ((signal.SIGKILL, "040.npz"), (signal.SIGINT, "090.npz"), (None, "video.mp4")):
         process = start(*command)
         begun = told(process, last)
+        # Nothing else is said, also not by Ray.
+        assert all(line.startswith(("151 files", "error: ")) for line in begun.splitlines())
         done.append(int(begun.removeprefix("151 files, ").partition(" ")[0]))
         if end is not None:
             ours = [pid for pid in processes(place) if pid not in others]
