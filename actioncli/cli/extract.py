@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -143,8 +144,8 @@ def _targets(paths: list[Path], output: Path, format: str | None) -> list[Path]:
                 f"{error.strerror}."
             ) from error
         targets = [output / f"{path.stem}.{format or 'npz'}" for path in paths]
-    twice = next((target for target in targets if targets.count(target) > 1), None)
-    if twice is not None:
+    twice, count = Counter(targets).most_common(1)[0]
+    if count > 1:
         raise UsageError(f"{twice}: two of the videos have this name; extract them one by one.")
     written_over = {path.resolve() for path in paths} & {target.resolve() for target in targets}
     if written_over:
