@@ -20,7 +20,7 @@ from actioncli.model import compare
 from actioncli.model.embedding import embed
 from actioncli.model.weights import Weights, read_weights
 from actioncli.pose.active import cut
-from actioncli.windows import odds_factor, windows
+from actioncli.windows import most_windows, odds_factor, windows
 
 DEFAULT_TAU = 0.5
 # Clips and windows that are embedded and compared at a time, and their frames: each clip takes a
@@ -146,11 +146,14 @@ class Recognizer:
         tau: float = DEFAULT_TAU,
         negatives: Sequence[Clip] | FloatArray | None = None,
         durations: Iterable[float] | None = None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> list[Decision]:
         """`classify` for each of many clips; together they take a fraction of the time.
 
         Args:
             clips: N queries, or their embeddings (N, F, E); the rest is as in `classify`.
+            progress: called now and then with how many clips and windows have been compared, and
+                how many there are at most.
 
         Returns:
             N decisions.
@@ -167,7 +170,7 @@ class Recognizer:
             wholes, comparison = list(clips), self.compare(clips, examples)
             spans: list[list[_Span]] = [[] for _ in clips]
         else:
-            wholes, comparison, spans = self._compare_parts(clips, lasting, examples)
+            wholes, comparison, spans = self._compare_parts(clips, lasting, examples, progress)
         # Once for all clips.
         kept = None if negatives is None or not len(negatives) else self._embedded(negatives)
         decisions, end = [], 0
@@ -187,6 +190,7 @@ class Recognizer:
         clips: Sequence[Clip],
         durations: Sequence[float],
         examples: Mapping[str, FloatArray],
+        progress: Callable[[int, int], None] | None,
     ) -> tuple[list[FloatArray], Comparison, list[list[_Span]]]:
         """Compare each clip, and after it its windows, so many at a time that memory does not grow
         with their number.
@@ -201,7 +205,8 @@ class Recognizer:
             for number, clip in enumerate(clips)
             for part in chain([clip], windows(clip, durations))
         )
-        wholes, found = [], []
+        most = sum(1 + most_windows(clip, durations) for clip in clips) if progress else 0
+        wholes, found, done = [], [], 0
         for block in _blocks(parts):
             embedded = self._embed([part for _, part in block], queries=True)
             found.append(self.compare(embedded, examples))
@@ -209,6 +214,9 @@ class Recognizer:
                 if not spans[number]:
                     wholes.append(embedded[at].copy())  # not the whole block
                 spans[number].append((part.start, part.start + part.duration))
+            done += len(block)
+            if progress:
+                progress(done, most)
         comparison = Comparison(
             labels=found[0].labels,
             distance=np.concatenate([each.distance for each in found]),

@@ -52,18 +52,28 @@ def windows(clip: Clip, durations: Iterable[float]) -> Iterator[Clip]:
         clip: a query.
         durations: of the enrolled examples, seconds; none where they are unknown.
     """
+    for seconds, count in _counts(clip, durations):
+        for start in np.linspace(0, clip.duration - seconds, count).tolist():
+            try:
+                yield cut(clip, start, start + seconds)
+            except ClipError:  # nothing moves in this window
+                continue
+
+
+def most_windows(clip: Clip, durations: Iterable[float]) -> int:
+    """How many `windows` are cut, those included in which nothing moves."""
+    return sum(count for _, count in _counts(clip, durations))
+
+
+def _counts(clip: Clip, durations: Iterable[float]) -> Iterator[tuple[float, int]]:
+    """Length, seconds, and number of the windows of a long clip."""
     known = tuple(durations)
     if not known or clip.duration <= LONG * float(median(np.array(known))):
         return
     for seconds in window_lengths(known):
         room = clip.duration - seconds
-        if room <= 0 or seconds * clip.fps < _FEWEST_STEPS:
-            continue
-        for start in np.linspace(0, room, int(np.ceil(room / (STRIDE * seconds))) + 1).tolist():
-            try:
-                yield cut(clip, start, start + seconds)
-            except ClipError:  # nothing moves in this window
-                continue
+        if room > 0 and seconds * clip.fps >= _FEWEST_STEPS:
+            yield seconds, int(np.ceil(room / (STRIDE * seconds))) + 1
 
 
 def odds_factor(count: int) -> float:

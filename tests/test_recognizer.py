@@ -358,6 +358,19 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
     assert frames[1] == len(PARTS[0]) + len(PARTS[1])
 
 
+def test_how_far_it_is_is_told_after_each_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("actioncli.recognizer._AT_ONCE", 7)
+    told: list[tuple[int, int]] = []
+    OnALine().classify_all(
+        [LONG, moving(1)],
+        {"early": at(2.5)},
+        durations=LASTING,
+        progress=lambda *now: told.append(now),
+    )
+    most = len(PARTS) + 2
+    assert told == [*((done, most) for done in range(7, most, 7)), (most, most)]
+
+
 def test_of_a_long_clip_the_surest_window_decides_at_longer_odds() -> None:
     first = PARTS[0]
     support = {"late": at(20.0), "early": at(middle(first) - 0.25)}

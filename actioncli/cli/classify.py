@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +23,16 @@ from actioncli.cli.options import (
     WeightsOption,
     checked_tau,
 )
-from actioncli.cli.output import error_entry, number, printable, progress, say, table, write_json
+from actioncli.cli.output import (
+    error_entry,
+    number,
+    printable,
+    progress,
+    say,
+    steps,
+    table,
+    write_json,
+)
 from actioncli.cli.processes import cores, in_processes
 from actioncli.cli.reading import named_clips, or_error, report_bad_clip, sharing
 from actioncli.cli.video import check_annotation, write_annotation
@@ -110,11 +120,19 @@ def classify(
     entries: list[dict[str, object]] = []
     failed = rejected = 0
     streams = not settings.json and sys.stdout.isatty()
+    paths = named_clips(clips)
 
     def decide(clips: Sequence[Clip]) -> list[Decision]:
-        found = recognizer.classify_all(
-            clips, known.support, known.threshold.tau, known.negatives, durations
-        )
+        # One clip can last hours; of many, their number shows how far the work is.
+        with steps(shown=len(paths) == 1 and not settings.quiet) as step:
+            found = recognizer.classify_all(
+                clips,
+                known.support,
+                known.threshold.tau,
+                known.negatives,
+                durations,
+                step and partial(step, "Comparing"),
+            )
         return [known.threshold.apply(decision) for decision in found]
 
     seen: dict[Path, Poses] = {}
@@ -130,7 +148,6 @@ def classify(
 
     shown = not (streams or settings.quiet)
     drawn = annotate is not None or explain is not None
-    paths = named_clips(clips)
     together = sharing(paths, reading.metrabs)
     for path, outcome, milliseconds in _decided(paths, read, decide, together, shown, drawn):
         if isinstance(outcome, ClipError):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +14,7 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.figures import say_acceptance, say_figures
 from actioncli.cli.options import WeightsOption, checked_tau
-from actioncli.cli.output import number, printable, progress, say, write_json
+from actioncli.cli.output import number, printable, progress, say, steps, write_json
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -180,7 +178,7 @@ def evaluate(
         scorer, checksum = _scorer(name, weights, seed, read, parts)
         # A report's matrices are those of its first scorer.
         wanted = acceptance or (report is not None and not runs)
-        with _steps(settings) as step:
+        with steps(shown=not settings.quiet) as step:
             if ntu is not None:
                 from actioncli.evaluation.ntu import WAYS, evaluate_ntu
 
@@ -325,22 +323,6 @@ def _scorer(
             raise UsageError("dtw-cohort takes its cohort from the train classes of --splits FILE.")
         cohort = baselines.cohort_clips(read, parts)
     return baselines.Dtw(recognizer.weights.config.preparation, cohort), checksum
-
-
-@contextmanager
-def _steps(settings: Settings) -> Iterator[Callable[[str, int, int], None] | None]:
-    """A progress bar on standard error, if someone is there to see it."""
-    if settings.quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda what, done, total: bar.update(
-            task, description=printable(what), completed=done, total=total
-        )
 
 
 def _finite(value: Any) -> Any:

@@ -5,17 +5,21 @@ rich is imported only when a progress bar is drawn: importing it takes longer th
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import sys
 import time
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence, Sized
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 from actioncli.errors import ActionCliError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 T = TypeVar("T")
 
@@ -149,11 +153,7 @@ def progress(
     try:
         for done, item in enumerate(items):
             if bar is None and time.monotonic() - start > _PATIENCE_SECONDS:
-                from rich.console import Console
-                from rich.progress import Progress
-
-                # Standard output is left alone: it may be a file.
-                bar = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)
+                bar = _bar()
                 size = len(items) if isinstance(items, Sized) else total
                 task = bar.add_task(what, total=size)
                 bar.start()
@@ -163,3 +163,41 @@ def progress(
     finally:
         if bar is not None:
             bar.stop()
+
+
+@contextlib.contextmanager
+def steps(*, shown: bool) -> Iterator[Callable[[str, int, int], None] | None]:
+    """A progress bar as `progress` has it, for work that tells how far it is.
+
+    Yields:
+        What takes a word for what is done, and how many of how many; None where nobody sees it.
+    """
+    if not (shown and sys.stderr.isatty()):
+        yield None
+        return
+    begun = time.monotonic()
+    bar: Progress | None = None
+    task = None
+
+    def step(what: str, done: int, total: int) -> None:
+        nonlocal bar, task
+        if bar is None and time.monotonic() - begun > _PATIENCE_SECONDS:
+            bar = _bar()
+            task = bar.add_task("", total=None)
+            bar.start()
+        if bar is not None and task is not None:
+            bar.update(task, description=printable(what), completed=done, total=total)
+
+    try:
+        yield step
+    finally:
+        if bar is not None:
+            bar.stop()
+
+
+def _bar() -> Progress:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    # Standard output is left alone: it may be a file.
+    return Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)

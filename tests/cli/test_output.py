@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actioncli.cli.output import number, plural, printable, progress, table, write_json
+from actioncli.cli.output import number, plural, printable, progress, steps, table, write_json
 
 
 @given(st.text(alphabet=st.characters(categories=["C", "Z", "L", "M"])))
@@ -60,18 +60,31 @@ def test_progress_passes_everything_on_and_is_silent_without_a_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert list(progress([1, 2, 3], "Counting")) == [1, 2, 3]
+    with steps(shown=True) as step:
+        assert step is None
     assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
-def test_progress_is_drawn_on_a_terminal_once_it_takes_long() -> None:
-    script = """
+EACH = """
 import time
 from actioncli.cli.output import progress
 for seconds in progress([{seconds}, 0, 0], "Sleeping"):
     time.sleep(seconds)
 """
+STEPS = """
+import time
+from actioncli.cli.output import steps
+with steps(shown=True) as step:
+    step("Waking", 0, 2)
+    time.sleep({seconds})
+    step("Sleeping", 1, 2)
+    step("Sleeping", 2, 2)
+"""
 
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+@pytest.mark.parametrize("script", [EACH, STEPS], ids=["each", "steps"])
+def test_progress_is_drawn_on_a_terminal_once_it_takes_long(script: str) -> None:
     def drawn(seconds: float) -> bytes:
         terminal, stderr = os.openpty()
         words = [sys.executable, "-c", script.format(seconds=seconds)]
