@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inl
 
 # Figures in a page move at this rate (frames a second) at most, which keeps the page small.
 _RATE = 25.0
+# Five minutes of them; a longer recording keeps fewer a second.
+_MOST_FRAMES = 7500
 
 
 def page(title: str, body: str, figures: Sequence[dict[str, Any]] = ()) -> str:
@@ -100,7 +103,7 @@ def playable(
             None is from first to last.
         glow: for each point of the figure a share in [0, 1] that its mark shows.
     """
-    step = max(1, round(figure.fps / _RATE))
+    step = max(1, round(figure.fps / _RATE), ceil(len(figure.points) / _MOST_FRAMES))
     kept = np.arange(0, len(figure.points), step)
     millimetres = np.clip(np.round(1000 * figure.points[kept]), -32767, 32767).astype("<i2")
     sure = figure.sure[kept].astype(np.uint8)

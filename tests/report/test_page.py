@@ -114,6 +114,14 @@ def test_figures_are_small_and_whole() -> None:
     assert data["clock"] == [0, 60, 119]
 
 
+def test_a_figure_of_hours_is_small_too() -> None:
+    motion = np.random.default_rng(0).normal(size=(40_000, 15, 3))
+    data = playable(figure(Clip(motion, DEFAULT_JOINTS, fps=25)), clock=[0, 39_999])
+    assert data["frames"] == 6667
+    assert data["clock"] == [0, 6666]
+    assert data["seconds"] == pytest.approx(39_999 / 25, abs=1e-3)
+
+
 def test_tables_and_plots_escape() -> None:
     text = table("<c>", ["<h>", "x"], [["<r>", "1"]])
     assert "<c>" not in text
