@@ -1,8 +1,9 @@
 """The threshold that is kept in the support set."""
 
+import numpy as np
 import pytest
 
-from actioncli import Decision, StoreError, SupportStore
+from actioncli import Clip, Decision, StoreError, SupportStore
 from actioncli.decision import Ranked
 from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 
@@ -39,6 +40,37 @@ def test_it_is_kept_replaced_and_forgotten(store: SupportStore) -> None:
 def test_the_extremes_are_thresholds(store: SupportStore, tau: float) -> None:
     keep_threshold(store, Threshold(tau, "abc", {"wave": tau}))
     assert kept_threshold(store) == Threshold(tau, "abc", {"wave": tau})
+
+
+def test_an_action_s_own_threshold_goes_with_its_name(store: SupportStore) -> None:
+    rng = np.random.default_rng(0)
+    for label in ("wave", "squat", "bow"):
+        store.enroll(label, Clip(rng.normal(size=(20, 1, 3)), ["left_wrist"], 30))
+    # `greet` was removed since it was measured.
+    keep_threshold(store, Threshold(0.5, "abc", {"wave": 0.9, "greet": 0.1, "bow": 0.7}))
+    for old, new, own in (
+        ("wave", "wave", {"wave": 0.9, "greet": 0.1, "bow": 0.7}),
+        ("wave", "greet", {"greet": 0.9, "bow": 0.7}),
+        ("squat", "stand", {"greet": 0.9, "bow": 0.7}),
+        ("greet", "wave", {"wave": 0.9, "bow": 0.7}),
+    ):
+        store.rename(old, new)
+        assert kept_threshold(store) == Threshold(0.5, "abc", own)
+    keep_threshold(store, Threshold(0.5, "abc", {"greet": 0.1}))
+    store.rename("wave", "greet")
+    assert kept_threshold(store) == Threshold(0.5, "abc")
+    assert store.check() == []
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"actions": [1]}', "[" * 100_000])
+def test_what_is_no_threshold_keeps_no_label_from_another_name(
+    store: SupportStore, text: str
+) -> None:
+    store.enroll("wave", Clip(np.random.default_rng(0).random((20, 1, 3)), ["left_wrist"], 30))
+    store.set_setting("threshold", text)
+    assert store.rename("wave", "greet") == 1
+    with pytest.raises(StoreError, match="damaged"):
+        kept_threshold(store)
 
 
 def test_forgetting_creates_no_store(store: SupportStore) -> None:

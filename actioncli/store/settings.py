@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from pathlib import Path
 
 from actioncli.errors import StoreError
 from actioncli.store.migrations import setting_crc
+
+# What `actioncli.threshold` keeps; see there for its form.
+_THRESHOLD = "threshold"
 
 
 def intact_setting(name: object, value: object, crc: object) -> bool:
@@ -21,6 +25,24 @@ def put_setting(db: sqlite3.Connection, name: str, value: str) -> None:
         "INSERT OR REPLACE INTO settings (name, value, crc) VALUES (?, ?, ?)",
         (name, value, setting_crc(name, value)),
     )
+
+
+def rename_threshold(db: sqlite3.Connection, old: str, new: str) -> None:
+    """Let an action's own threshold go with its name, in place of one that an earlier action of the
+    new name had. A threshold that is damaged stays so, and is told when it is read."""
+    query = "SELECT value, crc FROM settings WHERE name = ?"
+    for value, crc in db.execute(query, (_THRESHOLD,)).fetchall():
+        if old == new or not intact_setting(_THRESHOLD, value, crc):
+            return
+        try:
+            told = json.loads(value)
+            actions = told["actions"]
+            actions.pop(new, None)
+            if old in actions:
+                actions[new] = actions.pop(old)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return
+        put_setting(db, _THRESHOLD, json.dumps(told))
 
 
 def damaged_setting(path: Path, name: object) -> str:

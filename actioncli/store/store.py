@@ -23,7 +23,7 @@ from actioncli.store.examples import (
 )
 from actioncli.store.location import store_path
 from actioncli.store.names import check_label
-from actioncli.store.settings import put_setting, read_settings
+from actioncli.store.settings import put_setting, read_settings, rename_threshold
 
 if TYPE_CHECKING:
     import numpy as np
@@ -228,7 +228,7 @@ class SupportStore:
             return removed
 
     def rename(self, old: str, new: str) -> int:
-        """Give a label another name; how many examples it has.
+        """Give a label another name; how many examples it has. Its own threshold goes with it.
 
         Raises:
             SupportError: the label is not enrolled.
@@ -244,6 +244,7 @@ class SupportStore:
                     f"`{new}` is enrolled already; remove it first or choose another name."
                 )
             rename_embeddings(db, old, new)
+            rename_threshold(db, old, new)
             return rename_examples(db, self.path, old, new)
 
     def clear(self, settings: bool = False) -> int:
