@@ -20,7 +20,7 @@ from actioncli.model import compare
 from actioncli.model.embedding import embed
 from actioncli.model.weights import Weights, read_weights
 from actioncli.pose.active import cut
-from actioncli.windows import most_windows, odds_factor, windows
+from actioncli.windows import odds_factor, windows
 
 DEFAULT_TAU = 0.5
 # Clips and windows that are embedded and compared at a time, and their frames: each clip takes a
@@ -146,14 +146,14 @@ class Recognizer:
         tau: float = DEFAULT_TAU,
         negatives: Sequence[Clip] | FloatArray | None = None,
         durations: Iterable[float] | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Callable[[int], None] | None = None,
     ) -> list[Decision]:
         """`classify` for each of many clips; together they take a fraction of the time.
 
         Args:
             clips: N queries, or their embeddings (N, F, E); the rest is as in `classify`.
-            progress: called now and then with how many clips and windows have been compared, and
-                how many there are at most.
+            progress: called now and then with how many clips, and windows of them (at most
+                `actioncli.windows.most_windows`), have been compared.
 
         Returns:
             N decisions.
@@ -190,7 +190,7 @@ class Recognizer:
         clips: Sequence[Clip],
         durations: Sequence[float],
         examples: Mapping[str, FloatArray],
-        progress: Callable[[int, int], None] | None,
+        progress: Callable[[int], None] | None,
     ) -> tuple[list[FloatArray], Comparison, list[list[_Span]]]:
         """Compare each clip, and after it its windows, so many at a time that memory does not grow
         with their number.
@@ -205,7 +205,6 @@ class Recognizer:
             for number, clip in enumerate(clips)
             for part in chain([clip], windows(clip, durations))
         )
-        most = sum(1 + most_windows(clip, durations) for clip in clips) if progress else 0
         wholes, found, done = [], [], 0
         for block in _blocks(parts):
             embedded = self._embed([part for _, part in block], queries=True)
@@ -216,7 +215,7 @@ class Recognizer:
                 spans[number].append((part.start, part.start + part.duration))
             done += len(block)
             if progress:
-                progress(done, most)
+                progress(done)
         comparison = Comparison(
             labels=found[0].labels,
             distance=np.concatenate([each.distance for each in found]),

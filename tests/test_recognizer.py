@@ -360,15 +360,11 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
 
 def test_how_far_it_is_is_told_after_each_block(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("actioncli.recognizer._AT_ONCE", 7)
-    told: list[tuple[int, int]] = []
-    OnALine().classify_all(
-        [LONG, moving(1)],
-        {"early": at(2.5)},
-        durations=LASTING,
-        progress=lambda *now: told.append(now),
-    )
-    most = len(PARTS) + 2
-    assert told == [*((done, most) for done in range(7, most, 7)), (most, most)]
+    told: list[int] = []
+    clips, support = [LONG, moving(1)], {"early": at(2.5)}
+    OnALine().classify_all(clips, support, durations=LASTING, progress=told.append)
+    compared = len(PARTS) + 2
+    assert told == [*range(7, compared, 7), compared]
 
 
 def test_of_a_long_clip_the_surest_window_decides_at_longer_odds() -> None:

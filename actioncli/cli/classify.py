@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -103,6 +102,7 @@ def classify(
     # matrices are small. Read when numpy is imported.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from actioncli.recognizer import Recognizer
+    from actioncli.windows import most_windows
 
     if tau is not None:
         checked_tau(tau)
@@ -125,13 +125,14 @@ def classify(
     def decide(clips: Sequence[Clip]) -> list[Decision]:
         # One clip can last hours; of many, their number shows how far the work is.
         with steps(shown=len(paths) == 1 and not settings.quiet) as step:
+            most = sum(1 + most_windows(clip, durations) for clip in clips) if step else 0
             found = recognizer.classify_all(
                 clips,
                 known.support,
                 known.threshold.tau,
                 known.negatives,
                 durations,
-                step and partial(step, "Comparing"),
+                step and (lambda done: step("Comparing", done, most)),
             )
         return [known.threshold.apply(decision) for decision in found]
 

@@ -4,6 +4,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +36,32 @@ def test_a_rejected_clip_is_code_1(invoke: Invoke, filled: SupportStore) -> None
     first = result.stdout.splitlines()[0]
     assert first.startswith(f"{SQUAT}: rejected  (nearest squat, confidence ")
     assert "<= tau 1.00" in first
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_long_clip_shows_how_far_it_is(filled: SupportStore, tmp_path: Path, quiet: bool) -> None:
+    long = read_clip(SQUAT).joints
+    np.save(tmp_path / "long.npy", np.concatenate([long, long[::-1]] * 2))
+    told = ["--fps", "30", "--layout", "smpl+head_30", "--unit", "m", "--up", "y", "--tau", "0"]
+    words = ["classify", str(tmp_path / "long.npy"), *told]
+    script = (
+        "import sys; from actioncli.cli import output; output._PATIENCE_SECONDS = -1; "
+        "from actioncli.__main__ import main; main()"
+    )
+    terminal, stderr = os.openpty()
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words, *(["--quiet"] if quiet else [])],
+        stdout=subprocess.PIPE,
+        stderr=stderr,
+        check=False,
+    )
+    os.write(stderr, b"end")
+    os.close(stderr)
+    written = os.read(terminal, 100_000)
+    os.close(terminal)
+    assert (done.returncode, b"nearest squat" in done.stdout) == (0, True), written
+    assert (b"Comparing" in written, b"100%" in written) == (not quiet, not quiet)
 
 
 def test_json_says_what_the_library_says(invoke: Invoke, filled: SupportStore) -> None:
