@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -47,8 +48,10 @@ def write_clip(
 
 def _write_npz(stream: IO[bytes], clip: Clip) -> None:
     seen: dict[str, Any] = {} if clip.confidence is None else {"confidence": clip.confidence}
+    # Not into the file: where the disk is full, a zip file that is half written complains later.
+    whole = io.BytesIO()
     np.savez_compressed(
-        stream,
+        whole,
         joints=clip.joints,
         joint_names=np.array(clip.joint_names),
         fps=np.float64(clip.fps),
@@ -56,6 +59,7 @@ def _write_npz(stream: IO[bytes], clip: Clip) -> None:
         up=np.array("y"),
         **seen,
     )
+    stream.write(whole.getbuffer())
 
 
 def _write_json(stream: IO[bytes], clip: Clip) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import json
 import os
 import stat
@@ -87,21 +88,28 @@ def keep(key: str, poses: Poses) -> None:
         handle, part = tempfile.mkstemp(dir=folder, suffix=_UNFINISHED)
         try:
             with os.fdopen(handle, "wb") as file:
-                np.savez_compressed(
-                    file,
-                    times=poses.times,
-                    world=poses.world,
-                    visibility=poses.visibility,
-                    points=poses.points,
-                    frames=poses.frames,
-                    size=np.array(poses.size),
-                    notes=np.array(poses.notes, dtype=np.str_),
-                )
+                file.write(_packed(poses))
             Path(part).replace(folder / (key + SUFFIX))
         except BaseException:  # Ctrl-C, too, leaves nothing behind
             Path(part).unlink(missing_ok=True)
             raise
         _shrink(folder)
+
+
+def _packed(poses: Poses) -> memoryview:
+    """As a file; a zip file that is half written on a full disk would complain later."""
+    whole = io.BytesIO()
+    np.savez_compressed(
+        whole,
+        times=poses.times,
+        world=poses.world,
+        visibility=poses.visibility,
+        points=poses.points,
+        frames=poses.frames,
+        size=np.array(poses.size),
+        notes=np.array(poses.notes, dtype=np.str_),
+    )
+    return whole.getbuffer()
 
 
 def _ours(folder: Path) -> bool:

@@ -9,6 +9,7 @@ import pytest
 
 from actioncli.pose import cache
 from actioncli.pose.poses import Poses
+from tests.forking import files_up_to
 
 
 def poses(frames: int = 5) -> Poses:
@@ -61,6 +62,12 @@ def test_no_place_to_keep_is_no_error(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv("ACTIONCLI_HOME", str(tmp_path / "file"))
     cache.keep("a", poses())
     assert cache.load("a") is None
+
+
+def test_a_full_disk_keeps_nothing_and_is_no_error() -> None:
+    with files_up_to(1000):
+        cache.keep("a", poses())
+    assert list(cache.cache_folder().iterdir()) == []
 
 
 def test_ctrl_c_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
