@@ -184,9 +184,9 @@ def steps(*, shown: bool) -> Iterator[Callable[[str, int, int], None] | None]:
         if bar is None and time.monotonic() - begun > _PATIENCE_SECONDS:
             bar = _bar()
             task = bar.add_task("", total=None)
-            bar.start()
         if bar is not None and task is not None:
             bar.update(task, description=printable(what), completed=done, total=total)
+            bar.start()  # once
 
     try:
         yield step
