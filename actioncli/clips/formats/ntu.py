@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.formats.files import Numbers, text_lines
@@ -69,10 +70,13 @@ def read(file: Path) -> Recording:
         )
     samples = rows.table().reshape(-1, _JOINTS, 4)
     bodies = np.full((frames, len(numbers), _JOINTS, 4), np.nan, dtype=np.float32)
+    # Not by the positions, which may be no numbers: who is listed is there.
+    there = np.zeros(bodies.shape[:2], np.bool_)
     column = {number: at for at, number in enumerate(numbers)}
     for sample, (frame, number) in zip(samples, owners, strict=True):
         bodies[frame, column[number]] = sample
-    bodies, numbers, joined = _join(bodies, numbers)
+        there[frame, column[number]] = True
+    bodies, numbers, joined = _join(bodies, there, numbers)
     # What the sensor lost is a gap; it reports a place for it all the same.
     state = bodies[..., 3]
     positions = np.where(state[..., None] > 0, bodies[..., :3], np.float32(np.nan))
@@ -128,16 +132,22 @@ def _line(at: int) -> str:
     return f"line {at}" if at else "is cut off at its end"
 
 
-def _join(bodies: FloatArray, numbers: list[str]) -> tuple[FloatArray, list[str], tuple[str, ...]]:
-    """Put together one person's tracks under several numbers: (T, P, J, 4) to fewer P."""
-    there = np.isfinite(bodies[:, :, 0, 0])
+def _join(
+    bodies: FloatArray, there: NDArray[np.bool_], numbers: list[str]
+) -> tuple[FloatArray, list[str], tuple[str, ...]]:
+    """Put together one person's tracks under several numbers: (T, P, J, 4) to fewer P.
+
+    Args:
+        there: (T, P) whether a body is listed in a frame; each is in one at least.
+    """
     kept: list[int] = []
     notes = []
     for body in np.argsort(there.argmax(axis=0), kind="stable").tolist():
         first = int(there[:, body].argmax())
         for earlier in kept:
             last = int(np.flatnonzero(there[:, earlier])[-1])
-            step = bodies[first, body, 0, :3] - bodies[last, earlier, 0, :3]
+            with np.errstate(invalid="ignore"):  # an infinite step is not short
+                step = bodies[first, body, 0, :3] - bodies[last, earlier, 0, :3]
             if 0 < first - last <= _LOST_FRAMES and np.linalg.norm(step) < _LOST_DISTANCE:
                 bodies[first:, earlier] = bodies[first:, body]
                 there[first:, earlier] = there[first:, body]

@@ -63,6 +63,19 @@ def test_a_lost_joint_is_a_gap(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.confidence[0, 0, :3], [0, 0.5, 1])
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("lost", ["5", "8"])
+def test_a_body_whose_place_is_never_a_number(tmp_path: Path, value: float, lost: str) -> None:
+    bodies = {"5": BODY.copy(), "8": OTHER.copy()}
+    bodies[lost][:, 0, 0] = value
+    frames = [[("5", bodies["5"][at])] for at in range(20)]
+    frames += [[("8", bodies["8"][at])] for at in range(20, 40)]
+    recording = read(write_ntu(tmp_path / "a.skeleton", frames))
+    assert recording.people == ("body 5", "body 8")
+    assert np.isfinite(recording.positions[:20, 0, 1:]).all()
+    assert np.isfinite(recording.positions[20:, 1, 1:]).all()
+
+
 def test_fewer_frames_than_announced_are_told(tmp_path: Path) -> None:
     file = write_ntu(tmp_path / "a.skeleton", [[("5", body)] for body in BODY])
     lines = file.read_text().splitlines()
