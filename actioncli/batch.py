@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 
 from actioncli._version import __version__
-from actioncli.batch_results import SCHEMA, Results, Row
+from actioncli.batch_results import SCHEMA, Results, Row, storable
 from actioncli.errors import ActionCliError, ClipError, UsageError
 from actioncli.media import read_any
 from actioncli.recognizer import Recognizer
@@ -103,17 +103,12 @@ class Stage:
             "part_end": end,
             "frames": len(clip),
             "seconds": clip.duration,
-            "notes": [_text(each) for each in decision.notes],
+            "notes": [storable(each) for each in decision.notes],
         }
 
 
 def _failed(source: str, kind: str, message: str) -> Row:
-    return {"source": source, "error_type": kind, "error": _text(" ".join(message.split()))}
-
-
-def _text(told: str) -> str:
-    """Half a character, as JSON can hold, cannot stand in a table."""
-    return told.encode(errors="backslashreplace").decode()
+    return {"source": source, "error_type": kind, "error": storable(" ".join(message.split()))}
 
 
 def decide(task: Task, results: Results) -> Generator[Row, None, None]:

@@ -127,8 +127,7 @@ class Results:
         with _transaction(self._database):
             self._database.execute("CREATE TEMP TABLE listed (source TEXT PRIMARY KEY)")
             for path in paths:
-                # A name that is no UTF-8 cannot stand in a table: no such file is found.
-                source = str(path).encode(errors="backslashreplace").decode()
+                source = storable(str(path))  # what was escaped is no file, and gets an error
                 size, mtime_ns = _state(path)
                 self._database.execute("INSERT OR IGNORE INTO listed VALUES (?)", (source,))
                 self._database.execute(
@@ -196,6 +195,12 @@ class Results:
                 names = ("source", "size", "mtime_ns")
                 told = [json.loads(row) | dict(zip(names, of, strict=True)) for row, *of in chunk]
                 file.write_table(pa.Table.from_pylist(told, file.schema))
+
+
+def storable(text: str) -> str:
+    """Text as a table can hold it: half characters, which JSON and names of files can have, are
+    escaped."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def _partial(output: Path) -> Path:

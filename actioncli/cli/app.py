@@ -60,10 +60,27 @@ EXIT_BROKEN_PIPE = 141
 def _build(name: str) -> TyperCommand:
     module, _, function = COMMANDS[name].partition(":")
     single = typer.Typer(add_completion=False, rich_markup_mode=None)
-    single.command(name)(getattr(import_module(module), function))
+    single.command(name, cls=Command)(getattr(import_module(module), function))
     built = typer.main.get_command(single)
     assert isinstance(built, TyperCommand)
     return built
+
+
+class Command(TyperCommand):
+    """A command whose help may find nowhere to go."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the words; where they ask for help, it is written here.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        try:
+            return super().parse_args(ctx, args)
+        except BrokenPipeError:
+            raise
+        except OSError as failed:
+            raise OutputError(f"the output cannot be written: {failed.strerror}.") from failed
 
 
 class Application(TyperGroup):

@@ -15,7 +15,7 @@ import typer
 
 from actioncli._version import __version__
 from actioncli.cli.command import Options, Settings, command
-from actioncli.cli.common import enrolled
+from actioncli.cli.common import check_place, enrolled
 from actioncli.cli.options import (
     CacheOption,
     PersonOption,
@@ -27,7 +27,6 @@ from actioncli.cli.options import (
     file_options,
 )
 from actioncli.cli.output import note, number, plural, printable, progress, say, write_json
-from actioncli.cli.video import check_place
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:

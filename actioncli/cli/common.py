@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from actioncli.cli.options import checked_tau
 from actioncli.cli.output import printable
+from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
     from actioncli.cli.command import Settings
@@ -20,6 +21,18 @@ def tell_notes(settings: Settings, path: Path, notes: Sequence[str]) -> None:
     """Tell what reading a clip decided on the way."""
     for line in notes:
         settings.tell(f"note: {printable(path)}: {printable(line)}")
+
+
+def check_place(output: Path) -> None:
+    """Refuse, before any work, to write where no file can be.
+
+    Raises:
+        UsageError: there is no such folder, or a folder has this name.
+    """
+    if output.is_dir():
+        raise UsageError(f"{output}: is a folder; name a file in it.")
+    if not output.parent.is_dir():
+        raise UsageError(f"{output}: there is no folder {output.parent}.")
 
 
 def enrolled(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import tell_notes
+from actioncli.cli.common import check_place, tell_notes
 from actioncli.cli.figures import say_acceptance, say_figures
 from actioncli.cli.options import WeightsOption, checked_tau
 from actioncli.cli.output import number, printable, progress, say, steps, write_json
@@ -165,7 +165,9 @@ def evaluate(
         raise UsageError("--ntu is a protocol of its own: no --splits, --shots or --protocol.")
     to_stdout = settings.json or as_json == Path("-")
     if as_json is not None and not to_stdout:
-        _check_target(as_json)
+        if str(as_json).startswith("-"):
+            raise UsageError("--json needs a file here, or - for standard output.")
+        check_place(as_json)
 
     if report is not None:
         from actioncli.report.figures import check_folder
@@ -260,16 +262,6 @@ def _numbers(ways: str | None) -> tuple[int, ...]:
     if numbers and min(numbers) < 1:
         raise UsageError(f"--ways must be numbers from 1 such as 5,10,15, not {ways!r}.")
     return numbers
-
-
-def _check_target(file: Path) -> None:
-    """Find out before minutes of work that the result could not be written."""
-    if str(file).startswith("-"):
-        raise UsageError("--json needs a file here, or - for standard output.")
-    if file.is_dir():
-        raise UsageError(f"{file}: is a folder; name a file for the JSON document.")
-    if not file.resolve().parent.is_dir():
-        raise UsageError(f"{file}: the folder for the JSON document does not exist.")
 
 
 def _write_document(file: Path, document: Mapping[str, object]) -> None:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import tell_notes
+from actioncli.cli.common import check_place, tell_notes
 from actioncli.cli.options import VideoReading
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
 from actioncli.cli.reading import read_each, report_bad_clip, sharing
-from actioncli.cli.video import check_place, video_progress
+from actioncli.cli.video import video_progress
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:

@@ -145,32 +145,21 @@ def progress(
         total: how many there are, where `items` has no length.
         shown: False where the results themselves tell how far the work is.
     """
-    if not (shown and sys.stderr.isatty()):
-        yield from items
-        return
-    start = time.monotonic()
-    bar = None
-    try:
+    size = len(items) if isinstance(items, Sized) else total
+    with steps(shown=shown) as step:
         for done, item in enumerate(items):
-            if bar is None and time.monotonic() - start > _PATIENCE_SECONDS:
-                bar = _bar()
-                size = len(items) if isinstance(items, Sized) else total
-                task = bar.add_task(what, total=size)
-                bar.start()
-            if bar is not None:
-                bar.update(task, completed=done)
+            if step is not None:
+                step(what, done, size)
             yield item
-    finally:
-        if bar is not None:
-            bar.stop()
 
 
 @contextlib.contextmanager
-def steps(*, shown: bool) -> Iterator[Callable[[str, int, int], None] | None]:
+def steps(*, shown: bool) -> Iterator[Callable[[str, int, int | None], None] | None]:
     """A progress bar as `progress` has it, for work that tells how far it is.
 
     Yields:
-        What takes a word for what is done, and how many of how many; None where nobody sees it.
+        What takes a word for what is done, and how many of how many (None: nobody knows); None
+        where nobody sees it.
     """
     if not (shown and sys.stderr.isatty()):
         yield None
@@ -179,10 +168,14 @@ def steps(*, shown: bool) -> Iterator[Callable[[str, int, int], None] | None]:
     bar: Progress | None = None
     task = None
 
-    def step(what: str, done: int, total: int) -> None:
+    def step(what: str, done: int, total: int | None) -> None:
         nonlocal bar, task
         if bar is None and time.monotonic() - begun > _PATIENCE_SECONDS:
-            bar = _bar()
+            from rich.console import Console
+            from rich.progress import Progress
+
+            # Standard output is left alone: it may be a file.
+            bar = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)
             task = bar.add_task("", total=None)
         if bar is not None and task is not None:
             bar.update(task, description=printable(what), completed=done, total=total)
@@ -193,11 +186,3 @@ def steps(*, shown: bool) -> Iterator[Callable[[str, int, int], None] | None]:
     finally:
         if bar is not None:
             bar.stop()
-
-
-def _bar() -> Progress:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    # Standard output is left alone: it may be a file.
-    return Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)

@@ -70,6 +70,8 @@ def train(
     """
     if find_spec("torch") is None:
         raise UsageError("training needs PyTorch: pip install 'actioncli[train]'.")
+    if out.is_dir():
+        raise UsageError(f"{out}: is a folder; name a file in it.")
     import torch
 
     from actioncli.clips.collection import read_collection
@@ -140,11 +142,12 @@ class _reporter:  # noqa: N801 - used like a function in a `with` statement
     def __init__(self, settings: Settings) -> None:
         self._quiet = settings.quiet
         self._told = time.monotonic()
+        self._unsaved: str | None = None
 
     def __enter__(self) -> Callable[[Progress], None]:
         self._bar = None
         if self._quiet:
-            return lambda _: None
+            return self._warn
         if not sys.stderr.isatty():
             return self._log
         from rich.console import Console
@@ -159,11 +162,18 @@ class _reporter:  # noqa: N801 - used like a function in a `with` statement
         if self._bar is not None:
             self._bar.stop()
 
+    def _warn(self, now: Progress) -> None:
+        if now.unsaved is not None and self._unsaved is None:
+            note(f"warning: {printable(now.unsaved)} Training goes on; it is tried again.")
+        self._unsaved = now.unsaved
+
     def _move(self, now: Progress) -> None:
         assert self._bar is not None
+        self._warn(now)
         self._bar.update(self._task, total=now.steps, completed=now.step, description=_figures(now))
 
     def _log(self, now: Progress) -> None:
+        self._warn(now)
         if time.monotonic() - self._told > _LOG_SECONDS or now.step == now.steps:
             self._told = time.monotonic()
             left = f"{now.seconds_left / 60:.0f} min left"

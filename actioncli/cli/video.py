@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from actioncli.cli.common import check_place
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -76,18 +77,6 @@ def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None
     if output.resolve() == clips[0].resolve():
         raise UsageError(f"{output}: is the video itself; it is not written over.")
     check_place(output)
-
-
-def check_place(output: Path) -> None:
-    """Refuse, before a video is read, to write where no file can be.
-
-    Raises:
-        UsageError: there is no such folder, or a folder has this name.
-    """
-    if output.is_dir():
-        raise UsageError(f"{output}: is a folder; name a file in it.")
-    if not output.parent.is_dir():
-        raise UsageError(f"{output}: there is no folder {output.parent}.")
 
 
 def write_annotation(

@@ -7,28 +7,20 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import Preparation, prepared_at
 from actioncli.decision import Decision
 from actioncli.errors import UsageError
-from actioncli.explanation import Attended, Explanation
+from actioncli.explanation import Explanation
 from actioncli.model.config import ModelConfig
 from actioncli.replacing import replacing
-from actioncli.report.drawing import Text, elements
+from actioncli.report.contributions import attention, contributions, short
 from actioncli.report.figure import Figure, figure
 from actioncli.report.page import Stage, page, playable, scrolling
-from actioncli.report.plots import SHARES, Axis, Plot, fitting
-from actioncli.report.scenes import ground_and_body
 
 # Actions beside the query, and rows of the ranking.
 SHOWN = 3
 _RANKED = 10
-
-_PARTS = {"hip": "hip", "kne": "knee", "ank": "ankle", "sho": "shoulder", "elb": "elbow",
-          "wri": "wrist"}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +95,11 @@ def _sections(
     yield "<h2>The nearest actions</h2>"
     yield _ranking(decision)
     yield f"<h2>What makes the distance to {nearest}</h2>"
-    yield _summary(query, decision, explanation, preparation)
-    yield f'<div class="plots">{_joints(explanation)}{_moments(explanation)}</div>'
-    yield _definition(decision, explanation, config)
+    yield contributions(query, decision, explanation, config)
     yield "<h2>What was compared with what</h2>"
-    yield _attention(query, neighbours[0], explanation, config)
+    example = neighbours[0]
+    named = f"{example.label}: {example.name}"
+    yield attention(query, example.clip, named, explanation, config)
     yield "<h2>What happened to the clip before</h2>"
     yield _notes(query, decision, preparation)
 
@@ -181,7 +173,7 @@ def _ranking(decision: Decision) -> str:
         rows.append(
             f'<tr><th scope="row">{place}. {escape(each.label)}</th>'
             f'<td class="bar">{bar}</td><td>{each.confidence:.2f}</td>'
-            f"<td>{each.probability:.2f}</td><td>{_short(each.distance)}</td></tr>"
+            f"<td>{each.probability:.2f}</td><td>{short(each.distance)}</td></tr>"
         )
     left = len(decision.ranking) - _RANKED
     more = f'<p class="muted">{left} more are farther away.</p>' if left > 0 else ""
@@ -196,149 +188,6 @@ def _ranking(decision: Decision) -> str:
             f'<th scope="col">distance</th></tr></thead><tbody>{"".join(rows)}</tbody></table>',
         )
         + more
-    )
-
-
-def _summary(
-    query: Clip, decision: Decision, explanation: Explanation, preparation: Preparation
-) -> str:
-    most = sorted(explanation.joints, key=lambda joint: -explanation.joints[joint])[:3]
-    most = [joint for joint in most if explanation.joints[joint] > 0]
-    if explanation.distance <= explanation.base or not most:
-        return (
-            "<p>The query is at least as near to the action as its own enrolled example: nothing "
-            "about it stands out.</p>"
-        )
-    named = ", ".join(
-        f"{joint_name(joint)} ({explanation.joints[joint] / explanation.distance:.0%})"
-        for joint in most
-    )
-    at = prepared_at(query, preparation) / query.fps
-    edges = np.linspace(0, len(at) - 1, len(explanation.moments) + 1)
-    first, last = _densest(explanation.moments)
-    span = np.interp([edges[first], edges[last + 1]], np.arange(len(at)), at)
-    share = float(explanation.moments[first : last + 1].sum()) / explanation.distance
-    return (
-        f"<p>Most of the distance to {escape(decision.nearest)} comes from {named}; {share:.0%} of "
-        f"it arises between {span[0]:.1f} s and {span[1]:.1f} s of the query.</p>"
-    )
-
-
-def _joints(explanation: Explanation) -> str:
-    parts = sorted(explanation.joints.items(), key=lambda each: -abs(each[1]))
-    largest = max(abs(part) for _, part in parts) or 1.0
-    whole = explanation.distance or 1.0
-    rows = "".join(
-        f'<tr><th scope="row">{escape(joint_name(joint))}</th><td class="bar"><div>'
-        f'<span class="{"more" if part >= 0 else "less"}" '
-        f'style="width:{100 * abs(part) / largest:.1f}%"></span></div></td>'
-        f"<td>{_percent(part / whole)}</td><td>{_signed(part)}</td></tr>"
-        for joint, part in parts
-    )
-    return (
-        '<figure><h3>By joint</h3><table class="bars"><tbody>'
-        f"{rows}</tbody></table><figcaption>Share of the distance, and in its unit. Hatched: the "
-        "joint brings the query nearer to the action than the example is.</figcaption></figure>"
-    )
-
-
-def _moments(explanation: Explanation) -> str:
-    values = explanation.moments / (explanation.distance or 1.0)
-    y = fitting("share of the distance", float(values.min()), float(values.max()), percent=True)
-    plot = Plot("By moment", Axis("way through the query", 0, 1, SHARES, percent=True), y)
-    edges = np.linspace(0, 1, len(values) + 1)
-    plot.steps(edges, values, 0, "")
-    plot.cursor("player1")
-    return plot.html("The upright line is the moment that is shown above.")
-
-
-def _definition(decision: Decision, explanation: Explanation, config: ModelConfig) -> str:
-    parts = explanation.distance - explanation.base
-    factor = decision.ranking[0].distance / (explanation.distance or 1.0)
-    windows = (
-        f" The clip is a window of a long one. The decision’s distance is {factor:.2f} times as "
-        "large, because of many windows one is more often like an action by chance."
-        if factor > 1.01
-        else ""
-    )
-    odds = (
-        "The distance is the odds against the clip and the action being the same, "
-        "(1 − confidence) / confidence. "
-        if config.warp_width
-        else ""
-    )
-    return (
-        f"<p>{odds}Distance {_short(explanation.distance)} = {_short(explanation.base)}, that of "
-        f"the enrolled example itself at the query’s pace, {'+' if parts >= 0 else '−'} "
-        f"{_short(abs(parts))}, the sum of the joints’ parts, and also of the "
-        f"moments’.{windows}</p>"
-        "<details><summary>How parts are measured</summary><p>The enrolled example, aligned in "
-        "time with the query, is turned into the query joint by joint, each bone taking the "
-        "query’s direction, and the distance to the action is measured after each. A joint’s part "
-        "is what its turn adds, on average over several orders and their reverses (Shapley’s "
-        "value). In each order the steps add up to the whole difference, so the parts do, too. "
-        "Moments are counted likewise, all joints of a moment together.</p></details>"
-    )
-
-
-def _attention(
-    query: Clip, nearest: Neighbour, explanation: Explanation, config: ModelConfig
-) -> str:
-    plot = Plot(
-        "Attention between moments",
-        Axis(f"way through {nearest.label}: {nearest.name}", 0, 1, SHARES, percent=True),
-        Axis("way through the query", 0, 1, SHARES, percent=True),
-    )
-    plot.cells(explanation.attention, 0)
-    heat = plot.html(
-        "The stronger the colour, the more a moment of the query is compared with a moment of the "
-        "example; a straight diagonal means that both go through the action alike."
-    )
-    moments = len(explanation.moments)
-    shown = "".join(
-        _pair(each, query, nearest.clip, moments, config.preparation) for each in explanation.pairs
-    )
-    makes = (
-        "make T, one part of the score beside the cost of warping one clip onto the other, the "
-        "room that other people’s motions leave around both, and the discriminator’s judgement"
-        if config.warp_width
-        else "make the distance, T"
-    )
-    return (
-        "<p>The model forms pairs of moments of the query, and for each a prototype: the mean of "
-        "the pairs of the enrolled examples, weighted by its attention to them. Their differences "
-        f'{makes}.</p><div class="plots">{heat}</div>'
-        "<h3>The pairs that differ most from their prototypes</h3>"
-        f'<div class="attended">{shown}</div>'
-    )
-
-
-def _pair(
-    each: Attended, query: Clip, example: Clip, moments: int, preparation: Preparation
-) -> str:
-    """Two moments of the query above the two of the example that they attend to most."""
-    shapes = []
-    for row, (clip, pair) in enumerate(((query, each.query), (example, each.example))):
-        drawn = figure(clip)
-        at = prepared_at(clip, preparation)
-        step = len(at) // moments
-        top = float(drawn.points[..., 1].max())
-        for column, moment in enumerate(pair):
-            frame = round(float(at[moment * step + step // 2]))
-            scale = 78 / max(top + 0.1, 1.2)
-            across = 105 + 100 * column
-            shapes += ground_and_body(drawn, frame, (across, 105 + 125 * row), scale, 2.5)
-            told = f"{frame / clip.fps:.1f} s"
-            shapes.append(Text((across, 122 + 125 * row), told, 10, "muted", "middle"))
-        shapes.append(Text((8, 65 + 125 * row), "query" if row == 0 else "example", 11, "muted"))
-    said = (
-        f"{each.weight:.0%} of this pair’s attention goes to the pair below; its part of T is "
-        f"{each.share:.1%}."
-    )
-    return (
-        '<figure><svg viewBox="0 0 260 255" role="img" aria-label="Two poses of the query above '
-        f'the two of the example that they attend to most">{elements(shapes)}</svg>'
-        f"<figcaption>{said}</figcaption></figure>"
     )
 
 
@@ -361,37 +210,3 @@ def _notes(query: Clip, decision: Decision, preparation: Preparation) -> str:
         told.append(f"the body {size[preparation.size]}")
     lines = "".join(f"<li>{escape(line)}</li>" for line in dict.fromkeys(told))
     return f"<ul>{lines}</ul>"
-
-
-def joint_name(joint: str) -> str:
-    """`rwri` as people say it: right wrist."""
-    part = _PARTS.get(joint[1:])
-    if part and joint[0] in "lr":
-        return f"{'left' if joint[0] == 'l' else 'right'} {part}"
-    return {"pelv": "pelvis"}.get(joint, joint)
-
-
-def _densest(moments: NDArray[np.float64]) -> tuple[int, int]:
-    """First and last moment of the shortest stretch with at least half of what they add."""
-    more = np.maximum(moments, 0)
-    half = more.sum() / 2
-    best = (0, len(more) - 1)
-    for first in range(len(more)):
-        reached = np.flatnonzero(np.cumsum(more[first:]) >= half)
-        if len(reached) and reached[0] < best[1] - best[0]:
-            best = (first, first + int(reached[0]))
-    return best
-
-
-def _short(value: float) -> str:
-    if abs(value) < 1e-9:
-        return "0"
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.3e}"
-
-
-def _percent(share: float) -> str:
-    return f"{'−' if share < 0 else ''}{abs(share):.0%}"
-
-
-def _signed(value: float) -> str:
-    return f"{'−' if value < 0 else '+'}{_short(abs(value))}"

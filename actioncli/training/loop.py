@@ -51,6 +51,8 @@ class Progress:
         loss, accuracy: running means over about the last 50 steps.
         seconds_left: at the pace since this process began.
         validation: figures of the last look at the validation classes, if any.
+        unsaved: why the checkpoint could not be written when that was last tried; None where it
+            could.
     """
 
     step: int
@@ -59,6 +61,7 @@ class Progress:
     accuracy: float
     seconds_left: float
     validation: dict[str, float] | None
+    unsaved: str | None
 
 
 def train(
@@ -73,7 +76,8 @@ def train(
     """Train, or go on with an interrupted run, and write the best weights.
 
     The state is kept in `OUT.checkpoint` at least once a minute, at every validation and on
-    Ctrl-C; it is deleted when the run is complete. A resumed run ends with the same weights as
+    Ctrl-C; it is deleted when the run is complete. Where it cannot be written, the run goes on
+    and tries again a minute later. A resumed run ends with the same weights as
     one that was never interrupted (same machine, same number of threads).
 
     Under `torchrun` its processes share each step; the first one validates, reports and writes.
@@ -91,8 +95,8 @@ def train(
 
     Raises:
         UsageError: too few classes for the recipe's episodes.
-        WeightsError: weights or checkpoint cannot be written, belong to another run, or another
-            run is writing them.
+        WeightsError: the weights, or after Ctrl-C the checkpoint, cannot be written; the
+            checkpoint belongs to another run; or another run is writing them.
     """
     usable = sum(len(rows) > 1 for rows in data.members.values())
     if usable <= recipe.ways:
@@ -117,6 +121,7 @@ def train(
         step = processes.together(state.params, partial(descend.loss, state.params))
         begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
         loss = accuracy = 0.0
+        unsaved: str | None = None
         try:
             while state.step < recipe.steps:
                 share, accuracy_share = step(np.random.default_rng([seed, state.step]))
@@ -135,7 +140,12 @@ def train(
                     if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
                         _validate(state, recipe.config, validation)
                     if time.monotonic() - saved > CHECKPOINT_SECONDS:
-                        save_checkpoint(checkpoint, state, fingerprint)
+                        unsaved = None
+                        try:
+                            save_checkpoint(checkpoint, state, fingerprint)
+                        except WeightsError as error:
+                            # A disk may be full for a while; hours of work end for less.
+                            unsaved = str(error)
                         saved = time.monotonic()
                     pace = (time.monotonic() - begun) / done
                     report(
@@ -146,6 +156,7 @@ def train(
                             accuracy,
                             pace * (recipe.steps - state.step),
                             state.history[-1] if state.history else None,
+                            unsaved,
                         )
                     )
                 if now[2]:

@@ -143,7 +143,13 @@ def test_output_that_cannot_be_written_is_told(run: Run, filled: SupportStore) -
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize(
-    ("words", "code"), [(["--help"], 74), (["--version"], 74), (["show", "nobody"], 4)]
+    ("words", "code"),
+    [
+        (["--help"], 74),
+        (["--version"], 74),
+        (["classify", "--help"], 74),
+        (["show", "nobody"], 4),
+    ],
 )
 def test_where_nothing_can_be_written_the_exit_code_tells(
     run: Run, filled: SupportStore, words: list[str], code: int

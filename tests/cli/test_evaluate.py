@@ -169,7 +169,7 @@ def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path
         (["one.npz", "--protocol", "open"], "unknown protocol 'open'"),
         (["one.npz", "--baseline", "knn"], "unknown baseline 'knn'"),
         (["one.npz", "--tau", "2"], "tau must lie between 0 and 1"),
-        (["one.npz", "--json", "none/x.json"], "folder for the JSON document does not exist"),
+        (["one.npz", "--json", "none/x.json"], "there is no folder none"),
         (["one.npz", "--json", "."], "is a folder; name a file"),
         (["one.npz", "--json", "--ways"], "--json needs a file"),
         (["one.npz", "--baseline", "dtw-cohort", "--weights", "w.safetensors"], "of --splits"),

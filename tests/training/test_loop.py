@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,6 +121,30 @@ def test_a_checkpoint_that_cannot_be_written_is_told(world: TrainingSet, tmp_pat
     ):
         run(world, tmp_path / "w.safetensors", report=stop)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_outlasts_a_full_disk(
+    world: TrainingSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "CHECKPOINT_SECONDS", -1.0)
+    unsaved: list[str | None] = []
+    full = ExitStack()
+
+    def fill_and_free(now: Progress) -> None:
+        unsaved.append(now.unsaved)
+        if now.step == 1:
+            full.enter_context(files_up_to(1000))
+        if now.step == 4:
+            full.close()
+
+    out = tmp_path / "w.safetensors"
+    run(world, out, report=fill_and_free)
+    told = f"{out}.checkpoint: cannot write the checkpoint"
+    assert [each is not None for each in unsaved] == [False, True, True, True, False, False]
+    assert str(unsaved[1]).startswith(told)
+    monkeypatch.undo()
+    whole = run(world, tmp_path / "whole.safetensors")
+    assert read_weights(out).checksum == read_weights(whole).checksum
 
 
 def test_too_few_classes_are_told(world: TrainingSet, tmp_path: Path) -> None:

@@ -1,0 +1,129 @@
+"""The `train` command: short runs on a small made-up collection."""
+
+import json
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.forking import files_up_to
+
+from .conftest import Invoke
+
+pytest.importorskip("torch", reason="needs the extra train")
+
+from actioncli.cli import train as command
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.model.weights import read_weights
+from actioncli.training import loop
+from actioncli.training.loop import Progress
+from actioncli.training.recipes import RECIPES
+
+STEPS = 4
+
+
+@pytest.fixture
+def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A collection of thirty actions by four people; a run on it takes a second."""
+    short = replace(RECIPES["paper"], steps=STEPS, batch=1, ways=3, validate_every=2)
+    monkeypatch.setattr("actioncli.training.recipes.RECIPES", {"paper": short})
+    rng = np.random.default_rng(0)
+    rows = [(c, p) for c in range(30) for p in range(4)]
+    standing = rng.normal(0, 400, (1, len(DEFAULT_JOINTS), 3))
+    swings = rng.normal(0, 200, (30, len(DEFAULT_JOINTS), 3))
+    wave = np.sin(np.linspace(0, 6, 20))[:, None, None]
+    clips = [standing + swings[c] * wave + rng.normal(0, 20, standing.shape) for c, _ in rows]
+    file = tmp_path / "toy.npz"
+    np.savez(
+        file,
+        joints_mm=np.concatenate(clips).astype(np.int16),
+        lengths=np.full(len(rows), 20, np.int32),
+        labels=np.array([f"action {c}" for c, _ in rows]),
+        subjects=np.array([f"p{p}" for _, p in rows]),
+        joint_names=np.array(DEFAULT_JOINTS),
+        fps=np.float32(20),
+    )
+    return file
+
+
+def test_a_run_is_told_and_written(invoke: Invoke, toy: Path, tmp_path: Path) -> None:
+    out = tmp_path / "w.safetensors"
+    words = ["train", toy, "--recipe", "paper", "--out", out, "--threads", 1]
+    result = invoke(*words)
+    assert result.exit_code == 0, result.output
+    assert "Training on" in result.stderr
+    assert f"step {STEPS}/{STEPS}  loss" in result.stderr
+    assert result.stdout.startswith(f"{out}: step ")
+    again = invoke(*words, "--json")
+    document = json.loads(again.stdout)
+    assert document["checksum"] == read_weights(out).checksum
+    assert (document["recipe"], document["seed"], document["steps"]) == ("paper", 0, STEPS)
+    assert document["best_step"] == document["validation"]["step"]
+
+
+def test_ctrl_c_ends_a_run_that_the_same_command_goes_on_with(
+    invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "w.safetensors"
+    words = ["train", toy, "--recipe", "paper", "--out", out, "--threads", 1]
+    steps: list[int] = []
+
+    def interrupt(_: object, now: Progress) -> None:
+        steps.append(now.step)
+        if now.step == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(command._reporter, "_log", interrupt)
+        result = invoke(*words)
+        assert (result.exit_code, result.stderr.splitlines()[-1]) == (130, "error: interrupted")
+        assert not out.exists()
+        assert invoke(*words).exit_code == 0
+    assert steps == list(range(1, STEPS + 1))
+    interrupted = read_weights(out).checksum
+    assert invoke(*words).exit_code == 0
+    assert read_weights(out).checksum == interrupted
+
+
+def test_a_checkpoint_that_cannot_be_written_is_told_once(
+    invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "CHECKPOINT_SECONDS", -1.0)
+    out = tmp_path / "w.safetensors"
+    words = ["train", toy, "--recipe", "paper", "--out", out, "--threads", 1, "--quiet"]
+    with files_up_to(1000):
+        result = invoke(*words)
+    # The weights do not fit, either.
+    assert result.exit_code != 0
+    lines = result.stderr.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["warning", "error"]
+    assert f"{out}.checkpoint: cannot write the checkpoint" in lines[0]
+    assert f"{out}: cannot write weights" in lines[1]
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--out", "w", "--recipe", "best"], "unknown recipe 'best'"),
+        (["--out", "."], "is a folder; name a file in it"),
+    ],
+)
+def test_senseless_arguments_are_usage_errors(
+    invoke: Invoke, toy: Path, words: list[str], message: str
+) -> None:
+    result = invoke("train", toy, *words)
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+def test_without_torch_the_extra_is_named(
+    invoke: Invoke, toy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(command, "find_spec", lambda _: None)
+    result = invoke("train", toy, "--out", "w")
+    assert result.exit_code == 2
+    assert "pip install 'actioncli[train]'" in result.stderr
