@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 
 from actioncli._version import __version__
-from actioncli.batch_results import SCHEMA, Results, Row, storable
+from actioncli.batch_results import SCHEMA, Results, Row, file_named, storable
 from actioncli.errors import ActionCliError, ClipError, UsageError
 from actioncli.media import read_any
 from actioncli.recognizer import Recognizer
@@ -80,7 +80,7 @@ class Stage:
         """What a file shows, or why that cannot be told; see `batch_results.SCHEMA`."""
         task = self._task
         try:
-            clip = read_any(source, **task.options)
+            clip = read_any(file_named(source), **task.options)
             decision = self._recognizer.classify(
                 clip, task.support, task.threshold.tau, task.negatives, task.durations
             )

@@ -10,6 +10,8 @@ that found the same write the same bytes. Needs the extra `ray`.
 from __future__ import annotations
 
 import json
+import os
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -49,6 +51,8 @@ SCHEMA = pa.schema(
 _METADATA = b"actioncli"
 # Rows that are in memory at once when a Parquet file is read or written.
 _CHUNK = 5_000
+# A byte that is no UTF-8, as Python has it in a name, escaped.
+_HALF = re.compile(r"\\u(dc[89a-f][0-9a-f])")
 
 
 class Results:
@@ -127,7 +131,7 @@ class Results:
         with _transaction(self._database):
             self._database.execute("CREATE TEMP TABLE listed (source TEXT PRIMARY KEY)")
             for path in paths:
-                source = storable(str(path))  # what was escaped is no file, and gets an error
+                source = storable(str(path))
                 size, mtime_ns = _state(path)
                 self._database.execute("INSERT OR IGNORE INTO listed VALUES (?)", (source,))
                 self._database.execute(
@@ -198,9 +202,14 @@ class Results:
 
 
 def storable(text: str) -> str:
-    """Text as a table can hold it: half characters, which JSON and names of files can have, are
-    escaped."""
+    """Text as a table can hold it: half characters are escaped. JSON can have them, and for Python
+    they stand for bytes of a file's name that are no UTF-8."""
     return text.encode(errors="backslashreplace").decode()
+
+
+def file_named(source: str) -> str:
+    """The file whose name `storable` made this of."""
+    return source if os.path.lexists(source) else _HALF.sub(lambda h: chr(int(h[1], 16)), source)
 
 
 def _partial(output: Path) -> Path:

@@ -143,6 +143,12 @@ def _start(how: Mapping[str, Any]) -> None:
     try:
         with _mute():
             ray.init(**how, logging_level=logging.CRITICAL, log_to_driver=False)
+    except UnicodeError as error:
+        # It takes note of both, in UTF-8.
+        raise UsageError(
+            "Ray does not start where the command line, or the folder it is typed in, has a name "
+            "that is no UTF-8; rename it, or go by a link to it."
+        ) from error
     # Ray raises Exception itself where its processes are not up within half a minute, and
     # ConnectionError where `auto` finds no cluster.
     except Exception as error:

@@ -109,13 +109,13 @@ def batch(
     if tau is not None:
         checked_tau(tau)
     check_place(output)
+    from actioncli.batch_results import Results, storable
+
     network = None if quality is None else checked_quality(quality)
     options = {**files, "quality": network, "person": person}
     task = _task(settings, weights, tau, {k: v for k, v in options.items() if v is not None})
-    basis = {"INPUT": str(recordings.absolute()), **_basis(task)}
+    basis = {"INPUT": storable(str(recordings.absolute())), **_basis(task)}
     task.options["cache"] = cache
-
-    from actioncli.batch_results import Results
 
     begun = time.monotonic()
     with Results.opened(output, basis) as results:

@@ -111,7 +111,8 @@ class _Text:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        return self._stream.write(text.encode("utf-8"))
+        # Half a character stands for a byte of a file's name that is no UTF-8.
+        return self._stream.write(text.encode("utf-8", "backslashreplace"))
 
 
 WRITERS: Mapping[str, Callable[[IO[bytes], Clip], None]] = MappingProxyType(

@@ -207,7 +207,7 @@ class Sampler:
     def _generator(self, ways: int, number: int) -> np.random.Generator:
         # Of the collection its name, not its place in the argument list. Not the shots: those of
         # fewer are the first of those of more, so that only what they add makes a difference.
-        name = zlib.crc32(self.name.encode())
+        name = zlib.crc32(self.name.encode(errors="surrogatepass"))
         return np.random.default_rng([self.seed, name, ways, number])
 
     def _too_thin(self, ways: int) -> str:

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -53,7 +54,14 @@ def quiet() -> Iterator[None]:
 def opened(source: str | int, backend: int) -> cv2.VideoCapture:
     """Open a file, an address or a camera, quietly."""
     with quiet():
-        return cv2.VideoCapture(source, backend)
+        given = name_for_opencv(source) if isinstance(source, str) else source
+        return cv2.VideoCapture(given, backend)
+
+
+def name_for_opencv(name: str) -> str:
+    """A file's name in bytes, which OpenCV takes, though its types want text: on text with half
+    characters, which stand for bytes of a name that are no UTF-8, it crashes."""
+    return cast(str, os.fsencode(name))
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 
-from actioncli.pose.frames import quiet
+from actioncli.pose.frames import name_for_opencv, quiet
 from actioncli.pose.region import Image
 
 
@@ -46,8 +46,9 @@ def mp4_writer(path: Path, rate: float, codecs: Sequence[str]) -> Iterator[Calla
 def _opened(
     path: Path, rate: float, codecs: Sequence[str], size: tuple[int, int]
 ) -> cv2.VideoWriter:
+    name = name_for_opencv(str(path))
     for codec in codecs:
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
+        writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*codec), rate, size)
         if writer.isOpened():
             return writer
     raise OSError("this OpenCV writes no MP4")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
@@ -29,6 +30,14 @@ _KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript",
           ".svg": "image/svg+xml"}  # fmt: skip
 # What pages share with reports, by package.
 _SHARED = {"page.css": "actioncli.report", "player.js": "actioncli.report"}
+
+
+class Answer(JSONResponse):
+    """JSON in ASCII: names of files can hold what UTF-8 cannot."""
+
+    def render(self, content: object) -> bytes:
+        """The body."""
+        return json.dumps(content, allow_nan=False).encode("ascii")
 
 
 def application(page: str, routes: list[BaseRoute]) -> Starlette:
@@ -78,7 +87,7 @@ async def json_object(request: Request) -> dict[str, Any]:
     """
     try:
         document = await request.json()
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError("The request holds no JSON.") from error
     if not isinstance(document, dict):
         raise UsageError("The request holds no JSON object.")
@@ -103,18 +112,18 @@ def _told(request: Request, error: Exception) -> Response:
     # What has not been read of the request is not waited for.
     headers = {"Connection": "close"} if status == 413 else None
     told = {"type": type(error).__name__, "message": str(error)}
-    return JSONResponse({"error": told}, status, headers)
+    return Answer({"error": told}, status, headers)
 
 
 def _bug(request: Request, error: Exception) -> Response:
     told = f"unexpected {type(error).__name__}: {error} (this is a bug; --debug shows where)"
-    return JSONResponse({"error": {"type": type(error).__name__, "message": told}}, 500)
+    return Answer({"error": {"type": type(error).__name__, "message": told}}, 500)
 
 
 def _no_such(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     told = {"type": "HTTPException", "message": f"{request.url.path}: {error.detail}."}
-    return JSONResponse({"error": told}, error.status_code)
+    return Answer({"error": told}, error.status_code)
 
 
 def _file(name: str) -> Callable[[Request], Response]:

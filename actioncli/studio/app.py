@@ -9,14 +9,14 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 
 from actioncli.clips.layouts import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
-from actioncli.studio.answers import application, checked_tau, decision_entry, json_object
+from actioncli.studio.answers import Answer, application, checked_tau, decision_entry, json_object
 from actioncli.studio.live import live_endpoint
 from actioncli.studio.measure import Measurement
 from actioncli.studio.scratch import Scratch, receive
@@ -79,13 +79,13 @@ class Studio:
         """What is enrolled; nothing new where the page names the version that it has."""
         version = self.support.version()
         if request.query_params.get("version") == version:
-            return JSONResponse({"version": version})
+            return Answer({"version": version})
         more = {"limit": self.limit, "layouts": list(LAYOUTS)}
-        return JSONResponse({**self.support.state(), **more})
+        return Answer({**self.support.state(), **more})
 
     def example_figure(self, request: Request) -> Response:
         """The skeleton of an example."""
-        return JSONResponse(self.support.figure(request.path_params["id"]))
+        return Answer(self.support.figure(request.path_params["id"]))
 
     async def remove_example(self, request: Request) -> Response:
         """Delete one example of an action."""
@@ -94,20 +94,20 @@ class Studio:
         removed = await asyncio.to_thread(
             self.support.store.remove, label, request.path_params["id"]
         )
-        return JSONResponse({"removed": removed})
+        return Answer({"removed": removed})
 
     async def remove_action(self, request: Request) -> Response:
         """Delete an action."""
         asked = await json_object(request)
         removed = await asyncio.to_thread(self.support.store.remove, _text(asked, "label"))
-        return JSONResponse({"removed": removed})
+        return Answer({"removed": removed})
 
     async def rename_action(self, request: Request) -> Response:
         """Give an action another name."""
         asked = await json_object(request)
         old, new = _text(asked, "label"), _text(asked, "new")
         renamed = await asyncio.to_thread(self.support.store.rename, old, new)
-        return JSONResponse({"examples": renamed})
+        return Answer({"examples": renamed})
 
     async def send(self, request: Request) -> Response:
         """Take a file, whose name stands in the address and whose bytes are the body."""
@@ -116,12 +116,12 @@ class Studio:
         options = _options(request.query_params)
         path = await receive(request, self.scratch, suffix, self.limit)
         sent = self.tray.add(path, name, options)
-        return JSONResponse({"id": sent.id, "name": sent.name}, 202)
+        return Answer({"id": sent.id, "name": sent.name}, 202)
 
     def clip(self, request: Request) -> Response:
         """How far reading is, or the clip and what it shows."""
         sent = self.tray.get(request.path_params["id"])
-        return JSONResponse(self._entry(sent))
+        return Answer(self._entry(sent))
 
     def _entry(self, sent: Sent) -> dict[str, Any]:
         entry: dict[str, Any] = {"id": sent.id, "name": sent.name, "state": "reading"}
@@ -160,7 +160,7 @@ class Studio:
             self.support.enroll, label, clip, embedding, negative
         )
         self.tray.discard(number)
-        return JSONResponse(
+        return Answer(
             {
                 "label": enrolled.label,
                 "example": enrolled.example,
@@ -171,13 +171,13 @@ class Studio:
 
     def measured(self, request: Request) -> Response:
         """False accepts and rejects over tau."""
-        return JSONResponse(self.measurement.state())
+        return Answer(self.measurement.state())
 
     async def keep_tau(self, request: Request) -> Response:
         """Use a threshold from now on; null forgets it."""
         tau = checked_tau((await json_object(request)).get("tau"))
         await asyncio.to_thread(self.support.keep_tau, tau)
-        return JSONResponse({"tau": tau})
+        return Answer({"tau": tau})
 
     def export(self, request: Request) -> Response:
         """The support set as one file, as `export` writes it."""

@@ -136,23 +136,28 @@ def live_endpoint(support: SupportSet) -> Callable[[WebSocket], Awaitable[None]]
         await socket.accept()
         try:
             camera = await asyncio.to_thread(Camera, support)
-            await socket.send_json({"bones": _bones()})
+            await _send(socket, {"bones": _bones()})
             while True:
                 message = await socket.receive()
                 if message["type"] == "websocket.disconnect":
                     return
                 if message.get("bytes") is not None:
                     told = await asyncio.to_thread(camera.frame, message["bytes"])
-                    await socket.send_json(told)
+                    await _send(socket, told)
                 else:
                     camera.use(_tau(message.get("text") or ""))
         except ActionCliError as error:
-            await socket.send_json({"error": str(error)})
+            await _send(socket, {"error": str(error)})
             await socket.close(1003)
         except WebSocketDisconnect:
             return
 
     return live
+
+
+async def _send(socket: WebSocket, told: object) -> None:
+    # In ASCII, as every `Answer`.
+    await socket.send_text(json.dumps(told))
 
 
 def _bones() -> list[tuple[int, int, str]]:
@@ -173,6 +178,6 @@ def _tau(text: str) -> float | None:
     """
     try:
         tau = json.loads(text)["tau"]
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError("A message must hold a picture or a threshold.") from error
     return checked_tau(tau)

@@ -10,14 +10,14 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from actioncli.errors import SupportError, UsageError
 from actioncli.recorder import Kept, kept_clips
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
-from actioncli.studio.answers import application, json_object
+from actioncli.studio.answers import Answer, application, json_object
 from actioncli.studio.support import SupportSet
 
 
@@ -48,7 +48,7 @@ class Review:
     def waiting(self, request: Request) -> Response:
         """All clips that wait, in the order of recording."""
         actions = self.support.store.actions()
-        return JSONResponse(
+        return Answer(
             {
                 "folder": str(self.folder),
                 "store": str(self.support.store.path),
@@ -66,7 +66,7 @@ class Review:
             example = self.support.figure(first)
         except SupportError:  # the action is not enrolled any more
             example = None
-        return JSONResponse({"figure": drawn, "example": example})
+        return Answer({"figure": drawn, "example": example})
 
     async def decide(self, request: Request) -> Response:
         """Enrol a clip or not; either way it leaves the folder."""
@@ -77,7 +77,7 @@ class Review:
         if decision == "enroll" and not isinstance(label, str):
             raise UsageError("The request lacks `label`.")
         warnings = await asyncio.to_thread(self._decide, self._kept(request), decision, label or "")
-        return JSONResponse({"warnings": warnings})
+        return Answer({"warnings": warnings})
 
     def _decide(self, kept: Kept, decision: str, label: str) -> list[str]:
         warnings: list[str] = []

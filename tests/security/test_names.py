@@ -1,0 +1,133 @@
+"""Names that are no UTF-8: a file from another system, or from somebody who means harm."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from actioncli import SupportStore, read_clip
+from actioncli.pose.frames import VideoFile
+from actioncli.pose.mp4 import mp4_writer
+from tests.cli.test_evaluate import toys
+from tests.pose.videos import number, numbered, write_video
+
+from .conftest import EXAMPLES, Invoke
+
+__all__ = ["toys"]
+
+# Python has the byte that is none as half a character.
+ODD = os.fsdecode(b"o\xffdd")
+
+
+@pytest.fixture
+def odd(tmp_path: Path) -> Path:
+    """A folder of such a name."""
+    folder = tmp_path / ODD
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system has no such names")
+    return folder
+
+
+def test_videos_are_read_and_written(odd: Path) -> None:
+    images = numbered(8)
+    file = write_video(odd.parent / "a.mp4", images).rename(odd / f"{ODD}.mp4")
+    seen = list(VideoFile(file).frames())
+    assert [number(frame.image) for frame in seen] == list(range(8))
+    with mp4_writer(odd / "b.mp4", 25.0, ("vp09", "mp4v")) as write:
+        for image in images:
+            write(image)
+    assert len(list(VideoFile(odd / "b.mp4").frames())) == 8
+
+
+def test_a_clip_is_enrolled_explained_and_shown(
+    odd: Path, invoke: Invoke, filled: SupportStore
+) -> None:
+    clip = odd / f"{ODD}.npz"
+    clip.write_bytes((EXAMPLES / "squat/ben.npz").read_bytes())
+    page = odd / f"{ODD}.html"
+    result = invoke("classify", clip, "--explain", page)
+    assert result.exit_code == 0, result.output
+    assert "<title>Accepted: o\\udcffdd.npz</title>" in page.read_text(encoding="utf-8")
+    assert invoke("enroll", ODD, clip).exit_code == 2
+    assert invoke("enroll", "squat", clip).exit_code == 0
+    for kind in ("svg", "png", "gif", "mp4"):
+        result = invoke("show", "squat", "-o", odd / f"squat.{kind}")
+        assert result.exit_code == 0, result.output
+    [added] = [each for each in filled.examples("squat") if "dd.npz" in each.source]
+    added.source.encode()
+
+
+@pytest.mark.parametrize("kind", ["npz", "json", "csv", "trc"])
+def test_a_clip_is_written_and_read_back(odd: Path, kind: str) -> None:
+    from actioncli.clips.write import write_clip
+
+    clip = odd / f"{ODD}.npz"
+    clip.write_bytes((EXAMPLES / "squat/ben.npz").read_bytes())
+    file = odd / f"written.{kind}"
+    write_clip(file, read_clip(clip))
+    assert len(read_clip(file, up="y")) == len(read_clip(clip))
+
+
+def test_a_collection_is_evaluated(odd: Path, invoke: Invoke, toys: Path) -> None:
+    collection = odd / f"{ODD}.npz"
+    collection.write_bytes((toys / "one.npz").read_bytes())
+    report, figures = odd / "report", odd / "figures.json"
+    result = invoke(
+        "evaluate", collection, "--baseline", "always-reject", "--ways", 2, "--episodes", 2,
+        "--weights", toys / "w.safetensors", "--report", report, "--json", figures,
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert "o\\udcffdd" in (report / "index.html").read_text(encoding="utf-8")
+    assert "o\\udcffdd" in (report / "figures.csv").read_text(encoding="utf-8")
+
+
+def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
+    pytest.importorskip("pyarrow", reason="needs the extra `ray`")
+    from actioncli import Recognizer
+    from actioncli.batch import Stage, Task
+    from actioncli.batch_results import Results, storable
+    from actioncli.threshold import Threshold
+
+    recognizer = Recognizer()
+    support = {"squat": recognizer.embed([read_clip(EXAMPLES / "squat/ada.npz")])}
+    threshold = Threshold(0.5, recognizer.weights.checksum)
+    stage = Stage(Task(recognizer.weights, support, recognizer.embed([]), threshold))
+    # Beside one whose name says in so many characters what the other's is told as.
+    files = {odd / f"{ODD}.npz": "squat/ben.npz", odd.parent / "o\\udcffde.npz": "bow/ben.npz"}
+    for file, example in files.items():
+        file.write_bytes((EXAMPLES / example).read_bytes())
+    with Results.opened(odd.parent / "out.parquet", {"INPUT": storable(str(odd))}) as results:
+        results.set_files(files)
+        for source in results.missing(9):
+            source.encode()
+            results.add(stage.row(source))
+        assert results.count() == {
+            "files": 2, "done": 2, "accepted": 1, "rejected": 1, "failed": 0,
+        }  # fmt: skip
+        results.finish()
+
+
+def test_pages_serve_a_support_set(odd: Path) -> None:
+    pytest.importorskip("starlette", reason="needs the extra `studio`")
+    from starlette.requests import Request
+
+    from actioncli.studio.app import Studio
+    from actioncli.studio.review import Review
+    from actioncli.studio.scratch import Scratch
+    from actioncli.studio.support import SupportSet
+
+    support = SupportSet(odd / f"{ODD}.db")
+    support.store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
+    scratch = Scratch()
+    studio = Studio(support, scratch)
+    request = Request({"type": "http", "method": "GET", "query_string": b"", "headers": []})
+    try:
+        assert b"o\\udcffdd.db" in studio.state(request).body
+    finally:
+        studio.close()
+        scratch.close()
+    assert b"o\\udcffdd" in Review(support, odd).waiting(request).body
