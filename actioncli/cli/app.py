@@ -13,6 +13,7 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -99,6 +100,7 @@ class Application(TyperGroup):
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
         """Run, and end the process with an exit code."""
+        _replace_closed_streams()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 # A label that the terminal's encoding lacks is escaped, not an error.
@@ -146,7 +148,10 @@ class Application(TyperGroup):
             code = EXIT_BROKEN_PIPE
         except (TyperException, typer.Exit, typer.Abort):
             raise
-        except Exception as error:  # noqa: BLE001 - a traceback is shown to those who ask for it
+        except Exception as error:
+            if isinstance(error, FileNotFoundError) and _in_no_folder():
+                told = UsageError("The folder that this runs in is gone; go to another one (cd).")
+                raise typer.Exit(_report(told, told.exit_code, ctx.obj)) from error
             code = _report(
                 error,
                 EXIT_UNEXPECTED,
@@ -173,6 +178,23 @@ def _report(
         if settings.json:
             write_json({"error": {**error_entry(error, code), "message": text}})
     return code
+
+
+def _in_no_folder() -> bool:
+    """Whether the working folder was deleted, so that no relative name means anything."""
+    try:
+        return not Path.cwd().is_dir()
+    except OSError:
+        return True
+
+
+def _replace_closed_streams() -> None:
+    """Of a process that was started with a standard stream closed, Python has None; and the next
+    file that it opens would get the stream's number, to which libraries write their messages."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            # In this order each gets its number, the lowest that is free.
+            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
 
 
 def _drop_output() -> None:

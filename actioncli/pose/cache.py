@@ -15,8 +15,8 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 
+from actioncli.home import user_folder
 from actioncli.pose.poses import Poses
 
 # Changes when what is stored changes its meaning.
@@ -33,10 +33,12 @@ _DAMAGED = (
 
 
 def cache_folder() -> Path:
-    """Where poses are kept: below `$ACTIONCLI_HOME` if that is set, else where caches belong."""
-    home = os.environ.get("ACTIONCLI_HOME")
-    base = Path(home) if home else Path(platformdirs.user_cache_dir("actioncli"))
-    return base / "poses"
+    """Where poses are kept: below `$ACTIONCLI_HOME` if that is set, else where caches belong.
+
+    Raises:
+        NoHomeError: there is no such place.
+    """
+    return user_folder("cache") / "poses"
 
 
 def cache_key(video: Path, settings: dict[str, object]) -> str:
@@ -49,9 +51,9 @@ def cache_key(video: Path, settings: dict[str, object]) -> str:
 
 def load(key: str) -> Poses | None:
     """The poses kept under a key; None if there are none, or the file is damaged."""
-    folder = cache_folder()
-    path = folder / (key + SUFFIX)
     try:
+        folder = cache_folder()
+        path = folder / (key + SUFFIX)
         if not _ours(folder):
             return None
         # numpy leaves a file open that it cannot read; this one is closed.
@@ -76,8 +78,8 @@ def keep(key: str, poses: Poses) -> None:
 
     A cache that cannot be written is no error: the poses are there.
     """
-    folder = cache_folder()
     with contextlib.suppress(OSError):
+        folder = cache_folder()
         # The folder above holds the support set; `mode` is that of the last folder only.
         folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         folder.mkdir(exist_ok=True, mode=0o700)

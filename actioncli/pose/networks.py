@@ -7,11 +7,19 @@ import os
 from functools import cache
 
 import numpy as np
-import onnxruntime
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
 from actioncli.weights_path import weights_file
+
+# From 1.29 on, ONNX Runtime sends Microsoft what computer this is and which networks run on it, and
+# keeps an identifier for that. It reads this once, when it is loaded.
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+
+import onnxruntime
+
+# On Windows, and where somebody loaded it before.
+onnxruntime.disable_telemetry_events()
 
 DETECTOR = "pose_detector.onnx"
 LANDMARKS = {"fast": "pose_landmark_full.onnx", "accurate": "pose_landmark_heavy.onnx"}

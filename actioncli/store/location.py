@@ -11,10 +11,10 @@ import stat
 from pathlib import Path
 
 from actioncli.errors import StoreError
+from actioncli.home import HOME_VARIABLE, NoHomeError, user_folder
 from actioncli.store.faults import system_fault
 
 FILE_NAME = "support.db"
-HOME_VARIABLE = "ACTIONCLI_HOME"
 
 # SQLite takes 512 bytes of a path, file systems 255 of a name; eight are for `-journal`.
 _LONGEST_NAME = 255 - 8
@@ -25,19 +25,14 @@ def store_path(path: str | Path | None = None) -> Path:
     """The store's file: `path`, else `$ACTIONCLI_HOME/support.db`, else the user's data folder.
 
     Raises:
-        StoreError: `ACTIONCLI_HOME` begins with the home (`~name`) of nobody.
+        StoreError: the user has no home, or `ACTIONCLI_HOME` begins with that of nobody (`~name`).
     """
     if path is not None:
         return Path(path).absolute()
-    home = os.environ.get(HOME_VARIABLE)
-    if home:
-        try:
-            return Path(home).expanduser().absolute() / FILE_NAME
-        except RuntimeError as error:
-            raise StoreError(f"{HOME_VARIABLE}={home} names no folder: {error}") from error
-    from platformdirs import user_data_path
-
-    return user_data_path("actioncli", appauthor=False) / FILE_NAME
+    try:
+        return user_folder("data") / FILE_NAME
+    except NoHomeError as error:
+        raise StoreError(str(error)) from error
 
 
 def exists(path: Path) -> bool:

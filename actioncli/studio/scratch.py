@@ -14,7 +14,7 @@ from pathlib import Path
 from starlette.requests import Request
 
 from actioncli.errors import UsageError
-from actioncli.pose.cache import cache_folder
+from actioncli.home import NoHomeError, user_folder
 
 _PREFIX = "studio-"
 # A folder that is older was left by a machine that lost power; no page is used for so long.
@@ -55,11 +55,13 @@ class Scratch:
         Raises:
             UsageError: it cannot be made.
         """
-        base = cache_folder().parent
         try:
+            base = user_folder("cache")
             base.mkdir(parents=True, exist_ok=True, mode=0o700)
             _sweep(base)
             self.folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=base))
+        except NoHomeError as error:
+            raise UsageError(str(error)) from error
         except OSError as error:
             raise UsageError(f"{base}: cannot hold uploads: {error.strerror}.") from error
         # A session of its own: Ctrl-C on the terminal does not reach it.

@@ -133,6 +133,28 @@ def test_closed_output_is_no_error_to_talk_about(run: Run, filled: SupportStore)
     assert (done.returncode, done.stderr) == (application.EXIT_BROKEN_PIPE, "")
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["enroll", "wave", EXAMPLES / "wave_right/ada.npz"], 0),
+        (["classify", EXAMPLES / "squat/ben.npz"], 0),
+        (["classify", "none.npz"], 3),
+        (["show", "squat"], 0),
+        (["remove", "squat"], 2),
+    ],
+)
+def test_streams_may_be_closed(
+    filled: SupportStore, closed: str, words: list[object], code: int
+) -> None:
+    command = [sys.executable, "-m", "actioncli", *map(str, words)]
+    shell = ["sh", "-c", f'exec "$@" {closed}', "sh", *command]
+    done = subprocess.run(shell, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == code, done.stderr
+    assert bool(done.stdout) == (code == 0 and ">&-" not in closed.split())
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_output_that_cannot_be_written_is_told(run: Run, filled: SupportStore) -> None:
     with Path("/dev/full").open("w") as full:
