@@ -9,13 +9,15 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -101,6 +103,10 @@ class Application(TyperGroup):
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
         """Run, and end the process with an exit code."""
         _replace_closed_streams()
+        with _ended_like_ctrl_c():
+            self._main(args, *rest, **extra)
+
+    def _main(self, args: Sequence[str] | None, *rest: Any, **extra: Any) -> NoReturn:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 # A label that the terminal's encoding lacks is escaped, not an error.
@@ -186,6 +192,28 @@ def _in_no_folder() -> bool:
         return not Path.cwd().is_dir()
     except OSError:
         return True
+
+
+@contextlib.contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """What a terminal that is closed sends, and what a service is ended by, is like Ctrl-C: what
+    was begun is tidied up, and what was found out is told or kept."""
+    wanted = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]
+    # One that is ignored, as after nohup, stays so. Only the main thread may ask for signals.
+    caught = [
+        each
+        for each in wanted
+        if each is not None
+        and signal.getsignal(each) is signal.SIG_DFL
+        and threading.current_thread() is threading.main_thread()
+    ]
+    for each in caught:
+        signal.signal(each, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for each in caught:
+            signal.signal(each, signal.SIG_DFL)
 
 
 def _replace_closed_streams() -> None:

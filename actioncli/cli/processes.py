@@ -92,6 +92,9 @@ def _work(
     os.sched_setaffinity(0, on)
     # Ctrl-C reaches all of a terminal's processes: the first one ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # For it these are like Ctrl-C.
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.SIG_DFL)
     # Who holds these would not notice that the first process is gone.
     for end in inherited:
         end.close()

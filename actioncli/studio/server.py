@@ -5,15 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
-import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Iterator
 from html import escape
 from pathlib import Path
-from types import FrameType
-from typing import NoReturn
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -65,7 +61,7 @@ class Server:
         self._uvicorn: uvicorn.Server | None = None
 
     def run(self, app: ASGIApp) -> None:
-        """Serve until `stop`, Ctrl-C, or an end of the terminal."""
+        """Serve until `stop`, or Ctrl-C."""
         self._uvicorn = uvicorn.Server(
             uvicorn.Config(
                 Guard(app, self.port, self._token),
@@ -81,7 +77,7 @@ class Server:
                 timeout_graceful_shutdown=_LAST_SECONDS,
             )
         )
-        with contextlib.suppress(KeyboardInterrupt), _ended_by_signals():
+        with contextlib.suppress(KeyboardInterrupt):
             self._uvicorn.run([self._socket])
 
     def stop(self) -> None:
@@ -118,23 +114,3 @@ class Server:
             return webbrowser.open(page.as_uri())
         except webbrowser.Error:
             return False
-
-
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """A hang-up or a plea to end is like Ctrl-C: what was begun is tidied up."""
-
-    def end(number: int, frame: FrameType | None) -> NoReturn:
-        raise KeyboardInterrupt
-
-    wanted = [signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-    try:
-        before = {each: signal.signal(each, end) for each in wanted}
-    except ValueError:  # not in the main thread, which alone gets signals
-        yield
-        return
-    try:
-        yield
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)

@@ -198,18 +198,22 @@ def _write(
 
 @contextlib.contextmanager
 def _interrupts_noted() -> Iterator[threading.Event]:
-    """Ctrl-C sets the event: in the middle of a step the state is neither old nor new."""
+    """Ctrl-C, and what is to be like it, sets the event: in the middle of a step the state is
+    neither old nor new."""
     noted = threading.Event()
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler or (
-        threading.current_thread() is not threading.main_thread()
-    ):
-        yield noted
-        return
-    signal.signal(signal.SIGINT, lambda *_: noted.set())
+    raising = [
+        each
+        for each in signal.valid_signals()
+        if signal.getsignal(each) is signal.default_int_handler
+        and threading.current_thread() is threading.main_thread()
+    ]
+    for each in raising:
+        signal.signal(each, lambda *_: noted.set())
     try:
         yield noted
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for each in raising:
+            signal.signal(each, signal.default_int_handler)
 
 
 def _step(recipe: Recipe, state: TrainingState) -> None:

@@ -222,6 +222,23 @@ def test_ctrl_c_ends_with_130_and_leaves_nothing_half_done(
     assert "new" not in [action.label for action in filled.actions()]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_what_was_ignored_stays_ignored() -> None:
+    """As nohup has it; and a program that calls the application keeps its handlers."""
+    during = []
+    number = signal.SIGHUP
+    before = signal.getsignal(number)
+    try:
+        for handler in (signal.SIG_IGN, signal.SIG_DFL):
+            signal.signal(number, handler)
+            with application._ended_like_ctrl_c():
+                during.append(signal.getsignal(number))
+            assert signal.getsignal(number) is handler
+    finally:
+        signal.signal(number, before)
+    assert during == [signal.SIG_IGN, signal.default_int_handler]
+
+
 def _copy(folder: Path) -> Path:
     """An example on the test's own disk, where hard links can be made to it."""
     copy = folder / "clip.npz"

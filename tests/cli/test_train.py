@@ -64,8 +64,10 @@ def test_a_run_is_told_and_written(invoke: Invoke, toy: Path, tmp_path: Path) ->
     assert document["best_step"] == document["validation"]["step"]
 
 
-def test_ctrl_c_ends_a_run_that_the_same_command_goes_on_with(
-    invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.skipif(os.name != "posix", reason="signals are sent as POSIX has them")
+@pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM"])
+def test_a_run_that_was_ended_goes_on(
+    invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
     out = tmp_path / "w.safetensors"
     words = ["train", toy, "--recipe", "paper", "--out", out, "--threads", 1]
@@ -74,7 +76,7 @@ def test_ctrl_c_ends_a_run_that_the_same_command_goes_on_with(
     def interrupt(_: object, now: Progress) -> None:
         steps.append(now.step)
         if now.step == 1:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.Signals[ending])
 
     with monkeypatch.context() as patched:
         patched.setattr(command._reporter, "_log", interrupt)

@@ -203,8 +203,9 @@ def interruptible() -> Iterator[None]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
-def test_ctrl_c_while_a_video_is_read_leaves_nothing(
-    shared: Path, tmp_path: Path, home: Path, interruptible: None
+@pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_what_ends_reading_a_video_leaves_nothing(
+    shared: Path, tmp_path: Path, home: Path, interruptible: None, ending: str
 ) -> None:
     video = shared / "video" / "wave_two_hands" / "sudC.avi"
     reading = f"import signal, sys; sys.argv[1:] = {['extract', str(video), '-o', 'a.npz']!r}\n"
@@ -214,7 +215,7 @@ def test_ctrl_c_while_a_video_is_read_leaves_nothing(
         "look, times = T.__call__, []\n"
         "def looked(*words):\n"
         "    times.append(words[-1])\n"
-        "    if len(times) == 5: signal.raise_signal(signal.SIGINT)\n"
+        f"    if len(times) == 5: signal.raise_signal(signal.{ending})\n"
         "    return look(*words)\n"
         "T.__call__ = looked\n"
         "from actioncli.__main__ import main\n"
@@ -230,7 +231,10 @@ def test_ctrl_c_while_a_video_is_read_leaves_nothing(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
 @pytest.mark.usefixtures("unmeasured")
-def test_ctrl_c_ends_watching(filled: SupportStore, waving: Path, interruptible: None) -> None:
+@pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_what_ends_watching_ends_it_well(
+    filled: SupportStore, waving: Path, interruptible: None, ending: str
+) -> None:
     sent = threading.Event()
 
     def images() -> Iterator[np.ndarray]:
@@ -246,7 +250,7 @@ def test_ctrl_c_ends_watching(filled: SupportStore, waving: Path, interruptible:
         ) as watching,
     ):
         assert sent.wait(100)
-        watching.send_signal(signal.SIGINT)
+        watching.send_signal(signal.Signals[ending])
         told, complaint = watching.communicate(timeout=60)
     assert (watching.returncode, complaint) == (0, "")
     for line in told.splitlines():
