@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from actioncli.errors import ClipError, UsageError
 from actioncli.replacing import replacing
@@ -245,11 +246,11 @@ def kept_clips(folder: Path) -> list[Kept]:
                 Kept(
                     file=clip,
                     label=str(told["label"]),
-                    confidence=float(told["confidence"]),
-                    tau=float(told["tau"]),
+                    confidence=_finite(told["confidence"]),
+                    tau=_finite(told["tau"]),
                     event=bool(told["event"]),
-                    start=float(told["start"]),
-                    end=float(told["end"]),
+                    start=_finite(told["start"]),
+                    end=_finite(told["end"]),
                     source=str(told["source"]),
                 )
             )
@@ -258,6 +259,14 @@ def kept_clips(folder: Path) -> list[Kept]:
                 f"{description}: damaged ({type(error).__name__}: {error}); delete it and its clip."
             ) from error
     return found
+
+
+def _finite(told: Any) -> float:
+    # JSON of Python's can hold `NaN`, which nobody wrote here and no page can be told.
+    value = float(told)
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is no finite number")
+    return value
 
 
 def _number(file: Path) -> int:

@@ -131,6 +131,15 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, most: int) -> No
     assert len(kept_clips(tmp_path)) == 1
 
 
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999"])
+def test_a_confidence_that_is_no_number_is_damage(tmp_path: Path, number: str) -> None:
+    recorder(tmp_path).look(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
+    [description] = tmp_path.glob("*.json")
+    description.write_text(description.read_text().replace("0.9", number))
+    with pytest.raises(UsageError, match=r"damaged \(ValueError: (nan|inf) is no finite number"):
+        kept_clips(tmp_path)
+
+
 def test_damage_and_absence_are_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no such folder"):
         kept_clips(tmp_path / "none")
