@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,6 +89,8 @@ def enroll(
     paths = [Path(label), *(clips or [])] if negative else clips
     if camera is not None and paths:
         raise UsageError("--camera records the clip of a label; files are enrolled without it.")
+    if math.isnan(seconds):  # neither less nor more than the option's bounds
+        raise UsageError("--seconds must be a number from 0.5 to 60.")
     if camera is None and not paths:
         raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
     label = NEGATIVES if negative else check_label(label)

@@ -420,6 +420,12 @@ def test_camera_and_files(invoke: Invoke) -> None:
     assert invoke("enroll", "wave", "a.npz", "--camera", 0).exit_code == 2
 
 
+def test_a_camera_does_not_record_for_ever(invoke: Invoke) -> None:
+    done = invoke("enroll", "wave", "--camera", 0, "--seconds", "nan")
+    assert done.exit_code == 2
+    assert "--seconds must be a number from 0.5 to 60" in done.stderr
+
+
 def part_of(video: Path, copy: Path, seconds: float) -> Path:
     """The beginning of a real video, small and at ten frames a second."""
     writer = cv2.VideoWriter(str(copy), cv2.VideoWriter.fourcc(*"mp4v"), 10, (360, 360))
