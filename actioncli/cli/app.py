@@ -154,6 +154,9 @@ class Application(TyperGroup):
             code = EXIT_BROKEN_PIPE
         except (TyperException, typer.Exit, typer.Abort):
             raise
+        except ImportError as error:
+            message = f"a package cannot be loaded: {error}; `actioncli doctor` tries them all."
+            code = _report(error, EXIT_UNEXPECTED, ctx.obj, message)
         except Exception as error:
             if isinstance(error, FileNotFoundError) and _in_no_folder():
                 told = UsageError("The folder that this runs in is gone; go to another one (cd).")

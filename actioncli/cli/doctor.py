@@ -34,6 +34,7 @@ _NEEDED = (
 _OPTIONAL = (
     ("PIL", "pillow", "drawings as PNG, GIF, MP4; pip install 'actioncli[report]'"),
     ("starlette", "starlette", "studio and review --page; pip install 'actioncli[studio]'"),
+    ("ray", "ray", "batch; pip install 'actioncli[ray]'"),
     ("torch", "torch", "training; pip install 'actioncli[train]'"),
 )
 
@@ -67,7 +68,8 @@ def doctor(
 ) -> None:
     """Check this installation and the support set.
 
-    Versions, weights, shipped files and the support set are looked at, and what is missing told.
+    Versions, weights, shipped files and the support set are looked at, recognition and the pose
+    network are tried, and what is missing is told.
 
     With --repair, what a damaged support set still holds is put into a new file in its place; the
     damaged one is kept beside it, and what is gone is told. Every recording that comes back is,
@@ -97,6 +99,7 @@ def doctor(
         *_packages(),
         *_shipped_files(),
         *_recognition(weights),
+        *_poses(),
         *_support_set(settings),
     ]
     problems = [check for check in checks if check.status == "problem"]
@@ -218,6 +221,24 @@ def _recognition(weights: Path | None) -> Iterator[Check]:
         yield Check("recognition", "ok", f"answers in {(time.perf_counter() - start) * 1e3:.0f} ms")
     except ActionCliError as error:
         yield Check("weights", "problem", str(error), WeightsError.exit_code)
+
+
+def _poses() -> Iterator[Check]:
+    """Load what videos need, and let a pose network look at a picture."""
+    import numpy as np
+
+    try:
+        from actioncli.pose.landmarks import SIDE, LandmarkEstimator
+        from actioncli.pose.region import Region
+
+        estimate = LandmarkEstimator("fast")
+        start = time.perf_counter()
+        estimate(np.zeros((SIDE, SIDE, 3), np.uint8), Region(SIDE / 2, SIDE / 2, SIDE))
+        yield Check("poses", "ok", f"answers in {(time.perf_counter() - start) * 1e3:.0f} ms")
+    # Libraries of the system that are missing, or older ones, are told in many ways.
+    except Exception as error:  # noqa: BLE001
+        told = " ".join(str(error).split())
+        yield Check("poses", "problem", f"no video can be read: {told}", EXIT_INCOMPLETE)
 
 
 def _support_set(settings: Settings) -> Iterator[Check]:

@@ -1,11 +1,13 @@
 """doctor."""
 
 import json
+import os
+import re
 from pathlib import Path
 
 from actioncli import SupportStore, __version__
 
-from .conftest import ACTIONS, EXAMPLES, Invoke
+from .conftest import ACTIONS, EXAMPLES, Invoke, Run
 
 
 def test_a_whole_installation(invoke: Invoke, filled: SupportStore) -> None:
@@ -16,10 +18,29 @@ def test_a_whole_installation(invoke: Invoke, filled: SupportStore) -> None:
     assert found["actioncli"]["detail"] == __version__
     assert found["enrolled"]["detail"] == "5 actions, 5 examples"
     assert str(filled.path) in found["support set"]["detail"]
-    assert found["weights"]["status"] == found["recognition"]["status"] == "ok"
+    for part in ("weights", "recognition", "poses"):
+        assert found[part]["status"] == "ok"
     assert found["pose_detector.onnx"]["detail"].endswith("intact")
     assert "numpy" in invoke("doctor").stdout
     assert invoke("doctor", "-q").output == ""
+
+
+def test_a_library_of_the_system_that_is_missing_is_told(
+    run: Run, filled: SupportStore, tmp_path: Path
+) -> None:
+    """What `opencv-python` says on a server, where it replaced the package that is asked for."""
+    told = "libGL.so.1: cannot open shared object file"
+    (tmp_path / "cv2.py").write_text(f"raise ImportError({told!r})")
+    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    done = run("classify", "--tau", "0.5", tmp_path / "a.mp4", env=environment)
+    assert done.returncode == 70
+    way_out = "`actioncli doctor` tries them all."
+    assert done.stderr == f"error: a package cannot be loaded: {told}; {way_out}\n"
+    done = run("doctor", env=environment)
+    assert done.returncode == 70
+    assert re.search(rf"^poses +problem +no video can be read: {told}$", done.stdout, re.M)
+    assert done.stderr == "error: 1 problem: poses\n"
 
 
 def test_no_support_set_yet_is_no_problem(invoke: Invoke, home: Path) -> None:
