@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import os
 import subprocess
 import sys
 import tarfile
@@ -27,9 +28,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import onnxruntime
 from ai_edge_litert.interpreter import Interpreter, OpResolverType
 from tflite_to_onnx import to_onnx
+
+# As in `actioncli.pose.networks`: nothing of this computer is reported.
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+
+import onnxruntime
 
 MEDIAPIPE = "mediapipe==0.10.21"
 MEDIAPIPE_POSE = "@mediapipe/pose@0.5.1675469404"
