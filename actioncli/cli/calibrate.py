@@ -11,7 +11,7 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.options import FileReading, WeightsOption
 from actioncli.cli.output import number, plural, printable, progress, say, table, write_json
-from actioncli.cli.reading import Reading, named_clips, read_each, report_bad_clip
+from actioncli.cli.reading import Reading, named_clips, read_each, report_bad_clip, sharing
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
@@ -181,7 +181,8 @@ def _read(
     embeddings = [recognizer.embed([])]
     failed = 0
     files = named_clips(paths) if paths else []
-    for path, clip in read_each(files, reading.read, "Reading", shown=reading.shown):
+    read = read_each(files, reading.read, "Reading", shown=reading.shown, processes=sharing(files))
+    for path, clip in read:
         try:
             if isinstance(clip, ClipError):
                 raise clip
