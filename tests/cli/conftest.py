@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from actioncli import Clip, SupportStore, read_clip
 from actioncli.cli.app import app
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ACTIONS = {
@@ -27,6 +27,26 @@ ACTIONS = {
 Invoke = Callable[..., Result]
 Run = Callable[..., subprocess.CompletedProcess[str]]
 MakeClip = Callable[[int], Clip]
+
+
+def write_collection(
+    file: Path, classes: int, people: int, repeats: int, rng: np.random.Generator
+) -> None:
+    """A made-up collection: everybody swings as the class says."""
+    rows = [(c, p) for c in range(classes) for p in range(people) for _ in range(repeats)]
+    standing = rng.normal(0, 400, (1, len(DEFAULT_JOINTS), 3))
+    swings = rng.normal(0, 200, (classes, len(DEFAULT_JOINTS), 3))
+    wave = np.sin(np.linspace(0, 6, 20))[:, None, None]
+    clips = [standing + swings[c] * wave + rng.normal(0, 20, standing.shape) for c, _ in rows]
+    np.savez(
+        file,
+        joints_mm=np.concatenate(clips).astype(np.int16),
+        lengths=np.full(len(rows), 20, np.int32),
+        labels=np.array([f"action {c}" for c, _ in rows]),
+        subjects=np.array([f"p{p}" for _, p in rows]),
+        joint_names=np.array(DEFAULT_JOINTS),
+        fps=np.float32(20),
+    )
 
 
 @pytest.fixture(autouse=True)

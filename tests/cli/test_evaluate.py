@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import write_weights
 from tests.forking import files_up_to
 
-from .conftest import Invoke
+from .conftest import Invoke, write_collection
 
 
 @pytest.fixture(scope="module")
@@ -21,20 +20,7 @@ def toys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("toys")
     rng = np.random.default_rng(0)
     for name, classes in (("one", 6), ("two", 5)):
-        rows = [(c, p) for c in range(classes) for p in range(4) for _ in range(2)]
-        standing = rng.normal(0, 400, (1, len(DEFAULT_JOINTS), 3))
-        swings = rng.normal(0, 200, (classes, len(DEFAULT_JOINTS), 3))
-        wave = np.sin(np.linspace(0, 6, 20))[:, None, None]
-        clips = [standing + swings[c] * wave + rng.normal(0, 20, standing.shape) for c, _ in rows]
-        np.savez(
-            folder / f"{name}.npz",
-            joints_mm=np.concatenate(clips).astype(np.int16),
-            lengths=np.full(len(rows), 20, np.int32),
-            labels=np.array([f"action {c}" for c, _ in rows]),
-            subjects=np.array([f"p{p}" for _, p in rows]),
-            joint_names=np.array(DEFAULT_JOINTS),
-            fps=np.float32(20),
-        )
+        write_collection(folder / f"{name}.npz", classes, 4, 2, rng)
     four = [f"action {c}" for c in range(4)]
     parts = {name: {"benchmark": four, "train": ["action 4"]} for name in ("one", "two")}
     (folder / "splits.json").write_text(json.dumps(parts))

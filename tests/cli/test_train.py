@@ -11,12 +11,11 @@ import pytest
 
 from tests.forking import files_up_to
 
-from .conftest import Invoke
+from .conftest import Invoke, write_collection
 
 pytest.importorskip("torch", reason="needs the extra train")
 
 from actioncli.cli import train as command
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.model.weights import read_weights
 from actioncli.training import loop
 from actioncli.training.loop import Progress
@@ -30,22 +29,8 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A collection of thirty actions by four people; a run on it takes a second."""
     short = replace(RECIPES["paper"], steps=STEPS, batch=1, ways=3, validate_every=2)
     monkeypatch.setattr("actioncli.training.recipes.RECIPES", {"paper": short})
-    rng = np.random.default_rng(0)
-    rows = [(c, p) for c in range(30) for p in range(4)]
-    standing = rng.normal(0, 400, (1, len(DEFAULT_JOINTS), 3))
-    swings = rng.normal(0, 200, (30, len(DEFAULT_JOINTS), 3))
-    wave = np.sin(np.linspace(0, 6, 20))[:, None, None]
-    clips = [standing + swings[c] * wave + rng.normal(0, 20, standing.shape) for c, _ in rows]
     file = tmp_path / "toy.npz"
-    np.savez(
-        file,
-        joints_mm=np.concatenate(clips).astype(np.int16),
-        lengths=np.full(len(rows), 20, np.int32),
-        labels=np.array([f"action {c}" for c, _ in rows]),
-        subjects=np.array([f"p{p}" for _, p in rows]),
-        joint_names=np.array(DEFAULT_JOINTS),
-        fps=np.float32(20),
-    )
+    write_collection(file, 30, 4, 1, np.random.default_rng(0))
     return file
 
 
