@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.clips.collection import Collection, read_collection
     from actioncli.clips.read import read_clip
-    from actioncli.decision import Comparison, Decision
     from actioncli.pose.video import read_video_clip
-    from actioncli.recognizer import Recognizer
+    from actioncli.recognition.decision import Comparison, Decision
+    from actioncli.recognition.recognizer import Recognizer
     from actioncli.store.store import SupportStore
 
 __all__ = [
@@ -55,9 +55,9 @@ _MODULE_OF = {
     "read_collection": "actioncli.clips.collection",
     "read_clip": "actioncli.clips.read",
     "read_video_clip": "actioncli.pose.video",
-    "Comparison": "actioncli.decision",
-    "Decision": "actioncli.decision",
-    "Recognizer": "actioncli.recognizer",
+    "Comparison": "actioncli.recognition.decision",
+    "Decision": "actioncli.recognition.decision",
+    "Recognizer": "actioncli.recognition.recognizer",
     "SupportStore": "actioncli.store.store",
 }
 

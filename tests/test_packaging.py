@@ -15,7 +15,7 @@ import pytest
 
 import actioncli
 from actioncli.errors import WeightsError
-from actioncli.weights_path import weights_file, weights_folder
+from actioncli.files import weights_file, weights_folder
 
 ROOT = Path(__file__).parent.parent
 CARD = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -53,8 +53,8 @@ def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
     script = (
-        "from actioncli.weights_path import weights_folder\n"
-        "from actioncli.recognizer import Recognizer\n"
+        "from actioncli.files import weights_folder\n"
+        "from actioncli.recognition.recognizer import Recognizer\n"
         "print(weights_folder())\n"
         "print(Recognizer().weights.path)\n"
     )

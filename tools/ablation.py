@@ -29,7 +29,7 @@ from actioncli.clips.collection import Collection
 from actioncli.evaluation.protocol import evaluate
 from actioncli.evaluation.splits import Splits
 from actioncli.model.weights import Weights, read_weights
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.recognizer import Recognizer
 from actioncli.training.data import training_set
 from actioncli.training.loop import train
 from actioncli.training.recipes import RECIPES, Recipe

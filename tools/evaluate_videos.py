@@ -22,13 +22,13 @@ import cv2
 import numpy as np
 
 from actioncli.clips.clip import Clip
-from actioncli.events import STRIDE, Event, Spotter
+from actioncli.live.events import STRIDE, Event, Spotter
+from actioncli.live.stream import PoseStream, file_frames
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.region import Image
-from actioncli.pose.stream import PoseStream, file_frames
 from actioncli.pose.video import read_video_clip
-from actioncli.recognizer import DEFAULT_TAU, Recognizer
-from actioncli.threshold import Threshold
+from actioncli.recognition.recognizer import DEFAULT_TAU, Recognizer
+from actioncli.recognition.threshold import Threshold
 
 # The joined video: size, frame rate, and seconds that a clip may take of it.
 SIZE, FPS, LONGEST = (640, 480), 25, 8.0

@@ -33,7 +33,7 @@ from actioncli.evaluation.metrics import pooled, reliability
 from actioncli.evaluation.splits import Splits
 from actioncli.model import compare
 from actioncli.model.compare import sigmoid
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.recognizer import Recognizer
 from actioncli.training.closing import unit_distance
 from actioncli.training.data import hold_out, training_set
 from actioncli.training.loop import train

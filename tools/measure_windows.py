@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from actioncli.clips.active import active_part, cut
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.collection import Collection, read_collection
 from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
@@ -32,9 +33,8 @@ from actioncli.evaluation.metrics import (
     oscr,
 )
 from actioncli.evaluation.splits import Split, read_splits
-from actioncli.pose.active import active_part, cut
-from actioncli.recognizer import DEFAULT_TAU, Recognizer
-from actioncli.windows import CHANCES, windows
+from actioncli.recognition.recognizer import DEFAULT_TAU, Recognizer
+from actioncli.recognition.windows import CHANCES, windows
 
 WAYS = 5
 # Of each kind, known and unknown, in an episode.

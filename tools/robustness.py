@@ -22,10 +22,10 @@ from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.collection import read_collection
 from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
 from actioncli.clips.prepare import sample
-from actioncli.decision import Comparison
 from actioncli.evaluation.protocol import evaluate
 from actioncli.evaluation.splits import read_splits
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.decision import Comparison
+from actioncli.recognition.recognizer import Recognizer
 
 Disturb = Callable[[FloatArray, float, np.random.Generator], tuple[FloatArray, float]]
 _AT = {name: column for column, name in enumerate(DEFAULT_JOINTS)}

@@ -15,7 +15,7 @@ import typer
 
 from actioncli._version import __version__
 from actioncli.cli.command import Options, Settings, command
-from actioncli.cli.common import check_place, enrolled
+from actioncli.cli.common import check_place, load_support
 from actioncli.cli.options import (
     CacheOption,
     PersonOption,
@@ -30,8 +30,8 @@ from actioncli.cli.output import note, number, plural, printable, progress, say,
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
-    from actioncli.batch import Task
-    from actioncli.batch_results import Results
+    from actioncli.archives.batch import Task
+    from actioncli.archives.results import Results
 
 FileOptions = Annotated[dict[str, Any], Options(lambda _, **fields: fields, (file_options,))]
 
@@ -109,7 +109,7 @@ def batch(
     if tau is not None:
         checked_tau(tau)
     check_place(output)
-    from actioncli.batch_results import Results, storable
+    from actioncli.archives.results import Results, storable
 
     network = None if quality is None else checked_quality(quality)
     options = {**files, "quality": network, "person": person}
@@ -140,8 +140,8 @@ def batch(
         write_json(
             {
                 "output": str(output),
-                "tau": number(task.threshold.tau),
-                "actions": len(task.support),
+                "tau": number(task.support.threshold.tau),
+                "actions": len(task.support.actions),
                 "files": found["files"],
                 "done_before": before["done"],
                 **told,
@@ -156,8 +156,8 @@ def batch(
 
 
 def _decide(settings: Settings, task: Task, address: str | None, results: Results) -> None:
-    from actioncli.batch import decide
-    from actioncli.ray_session import joined_ray
+    from actioncli.archives.batch import decide
+    from actioncli.archives.ray_session import joined_ray
 
     count = results.count()
     left = count["files"] - count["done"]
@@ -172,33 +172,26 @@ def _decide(settings: Settings, task: Task, address: str | None, results: Result
 def _task(
     settings: Settings, weights: Path | None, tau: float | None, options: dict[str, object]
 ) -> Task:
-    from actioncli.batch import Task
-    from actioncli.recognizer import Recognizer
+    from actioncli.archives.batch import Task
+    from actioncli.recognition.recognizer import Recognizer
 
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
-        known = enrolled(settings, store, recognizer, tau)
-    return Task(
-        recognizer.weights,
-        known.support,
-        known.negatives,
-        known.threshold,
-        known.durations,
-        options,
-    )
+        return Task(load_support(settings, store, recognizer, tau), options)
 
 
 def _basis(task: Task) -> dict[str, str]:
     """What decisions depend on, by the names under which a change of it is told."""
-    digest = sha256(task.negatives.tobytes())
-    for label, embeddings in task.support.items():
+    support = task.support
+    digest = sha256(support.negatives.tobytes())
+    for label, embeddings in support.actions.items():
         digest.update(json.dumps([label, embeddings.shape]).encode())
         digest.update(embeddings.tobytes())
-    digest.update(json.dumps(list(task.durations)).encode())
-    tau = {"": task.threshold.tau, **task.threshold.actions}
+    digest.update(json.dumps(list(support.durations.values())).encode())
+    tau = {"": support.threshold.tau, **support.threshold.actions}
     return {
         "version of actioncli": __version__,
-        "weights": task.weights.checksum,
+        "weights": support.recognizer.weights.checksum,
         "support set": digest.hexdigest(),
         "tau": json.dumps(tau, sort_keys=True),
         "options": json.dumps(dict(task.options), sort_keys=True),

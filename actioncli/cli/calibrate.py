@@ -17,10 +17,10 @@ from actioncli.errors import ClipError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from actioncli.calibration import Recommendation
+    from actioncli.calibration.threshold import Recommendation
+    from actioncli.calibration.trials import Rate, Trials
     from actioncli.clips.clip import FloatArray
-    from actioncli.recognizer import Recognizer
-    from actioncli.trials import Rate, Trials
+    from actioncli.recognition.recognizer import Recognizer
 
 _KINDS = {
     "actions": "your examples, to the other actions",
@@ -105,28 +105,29 @@ def calibrate(
         from actioncli.report.figures import check_folder
 
         check_folder(report)
-    from actioncli.calibration import recommend
-    from actioncli.enrolment import read_enrolment
-    from actioncli.recognizer import Recognizer
-    from actioncli.threshold import Threshold, keep_threshold
-    from actioncli.trials import run_trials
+    from actioncli.calibration.threshold import recommend
+    from actioncli.calibration.trials import run_trials
+    from actioncli.recognition.recognizer import Recognizer
+    from actioncli.recognition.support import SupportSet
+    from actioncli.recognition.threshold import Threshold, keep_threshold
 
     recognizer = Recognizer(weights)
     checksum = recognizer.weights.checksum
     with settings.open_store() as store:
-        known = read_enrolment(store, recognizer)
+        support = SupportSet.load(store, recognizer)
+        support.require_actions()
         others, failed = _read(settings, reading, recognizer, negatives or [])
         trials = run_trials(
             recognizer,
-            known.support,
-            known.negatives,
+            support.actions,
+            support.negatives,
             others,
             lambda steps: progress(steps, "Comparing", shown=not settings.quiet),
         )
         found = recommend(trials, target_far, per_action)
         notes = list(found.notes)
-        if known.foreign is not None:
-            last = known.foreign.tau
+        if support.foreign_threshold is not None:
+            last = support.foreign_threshold.tau
             notes.append(f"The kept threshold, {last:g}, was measured with other weights.")
         if not dry_run:
             keep_threshold(
@@ -161,8 +162,8 @@ def calibrate(
 
 
 def _forget(settings: Settings) -> None:
-    from actioncli.recognizer import DEFAULT_TAU
-    from actioncli.threshold import keep_threshold
+    from actioncli.recognition.recognizer import DEFAULT_TAU
+    from actioncli.recognition.threshold import keep_threshold
 
     with settings.open_store() as store:
         keep_threshold(store, None)
@@ -197,7 +198,7 @@ def _read(
 
 def _rows(trials: Trials, found: Recommendation) -> list[tuple[float, Rate, Rate, Rate]]:
     """The table over tau: false accepts, false rejects, and what was named wrongly."""
-    from actioncli.calibration import TAUS
+    from actioncli.calibration.threshold import TAUS
 
     return [
         (tau, trials.false_accepts(tau), trials.false_rejects(tau), trials.misnamed(tau))

@@ -10,9 +10,10 @@ import typer
 
 from actioncli.cli.command import Settings
 from actioncli.errors import ClipError
+from actioncli.live.stream import PoseStream
+from actioncli.pose.camera import LiveSource
 from actioncli.pose.poses import LONGEST_GAP
 from actioncli.pose.sides import LIMBS
-from actioncli.pose.stream import LiveSource, PoseStream
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import enrolled, tell_notes
+from actioncli.cli.common import load_support, tell_notes
 from actioncli.cli.explain import check_explanation, explain_decision
 from actioncli.cli.options import (
     ClipArguments,
@@ -39,8 +39,8 @@ from actioncli.errors import ClipError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.decision import Decision
     from actioncli.pose.poses import Poses
+    from actioncli.recognition.decision import Decision
 
 # Files of joints that are classified together, at most.
 _BATCH = 64
@@ -101,8 +101,8 @@ def classify(
     # Many files are shared by processes, which threads of their own would only disturb, and single
     # matrices are small. Read when numpy is imported.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    from actioncli.recognizer import Recognizer
-    from actioncli.windows import most_windows
+    from actioncli.recognition.recognizer import Recognizer
+    from actioncli.recognition.windows import most_windows
 
     if tau is not None:
         checked_tau(tau)
@@ -112,10 +112,10 @@ def classify(
         check_explanation(clips, explain)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
-        known = enrolled(settings, store, recognizer, tau)
+        support = load_support(settings, store, recognizer, tau)
     # Where --start or --end name the part, no other is looked for.
     cut_out = reading.start is not None or reading.end is not None
-    durations = () if cut_out else known.durations
+    durations = () if cut_out else support.durations.values()
 
     entries: list[dict[str, object]] = []
     failed = rejected = 0
@@ -126,15 +126,12 @@ def classify(
         # One clip can last hours; of many, their number shows how far the work is.
         with steps(shown=len(paths) == 1 and not settings.quiet) as step:
             most = sum(1 + most_windows(clip, durations) for clip in clips) if step else 0
-            found = recognizer.classify_all(
-                clips,
-                known.support,
-                known.threshold.tau,
-                known.negatives,
-                durations,
-                step and (lambda done: step("Comparing", done, most)),
-            )
-        return [known.threshold.apply(decision) for decision in found]
+
+            def compared(done: int) -> None:
+                if step is not None:
+                    step("Comparing", done, most)
+
+            return support.classify_all(clips, cut_out, compared)
 
     seen: dict[Path, Poses] = {}
 
@@ -170,8 +167,8 @@ def classify(
     if settings.json:
         write_json(
             {
-                "tau": number(known.threshold.tau),
-                "actions": len(known.support),
+                "tau": number(support.threshold.tau),
+                "actions": len(support.actions),
                 "clips": entries,
                 "accepted": len(entries) - rejected - failed,
                 "rejected": rejected,
@@ -203,7 +200,7 @@ def _decided(
     Returns:
         Path, clip and decision (or what is wrong), and its share of the time, milliseconds.
     """
-    from actioncli.media import is_video
+    from actioncli.pose.media import is_video
 
     videos = any(map(is_video, paths))
     processes = together if videos else cores()
@@ -272,7 +269,7 @@ def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> di
 
 def _print(source: str, decision: Decision, top: int, milliseconds: float) -> None:
     sign = ">" if decision.confidence > decision.tau else "<="
-    but = ", but a negative is nearer" if decision.shadowed else ""
+    but = ", but a negative is nearer" if decision.negative_is_nearer else ""
     say(
         f"{printable(source)}: "
         f"{'rejected' if decision.label is None else printable(decision.label)}"

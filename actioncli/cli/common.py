@@ -12,8 +12,8 @@ from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
     from actioncli.cli.command import Settings
-    from actioncli.enrolment import Enrolment
-    from actioncli.recognizer import Recognizer
+    from actioncli.recognition.recognizer import Recognizer
+    from actioncli.recognition.support import SupportSet
     from actioncli.store.store import SupportStore
 
 
@@ -35,21 +35,23 @@ def check_place(output: Path) -> None:
         raise UsageError(f"{output}: there is no folder {output.parent}.")
 
 
-def enrolled(
+def load_support(
     settings: Settings, store: SupportStore, recognizer: Recognizer, tau: float | None = None
-) -> Enrolment:
-    """What is enrolled; `tau` wins over the calibrated one, of which is told if it does not count.
+) -> SupportSet:
+    """What is enrolled; `tau` wins over the calibrated one, which is noted if it does not count.
 
     Raises:
         SupportError: nothing is enrolled.
         UsageError: `tau` is not within [0, 1].
     """
-    from actioncli.enrolment import read_enrolment
+    from actioncli.recognition.support import SupportSet
 
-    found = read_enrolment(store, recognizer, None if tau is None else checked_tau(tau))
-    if found.foreign is not None:
+    support = SupportSet.load(store, recognizer, None if tau is None else checked_tau(tau))
+    support.require_actions()
+    if support.foreign_threshold is not None:
         settings.tell(
-            f"note: the calibrated tau, {found.foreign.tau:g}, belongs to other weights; tau is "
-            f"{found.threshold.tau:g} until `actioncli calibrate` measures it anew."
+            f"note: the calibrated tau, {support.foreign_threshold.tau:g}, belongs to other "
+            f"weights; tau is {support.threshold.tau:g} until `actioncli calibrate` measures it "
+            "anew."
         )
-    return found
+    return support

@@ -178,7 +178,7 @@ def _version_of(module: str) -> str:
 
 
 def _shipped_files() -> Iterator[Check]:
-    from actioncli.weights_path import weights_folder
+    from actioncli.files import weights_folder
 
     folder = weights_folder()
     sums = folder / "SHA256SUMS"
@@ -201,7 +201,7 @@ def _recognition(weights: Path | None) -> Iterator[Check]:
     import numpy as np
 
     from actioncli.clips.clip import Clip
-    from actioncli.recognizer import Recognizer
+    from actioncli.recognition.recognizer import Recognizer
 
     try:
         recognizer = Recognizer(weights)

@@ -13,15 +13,14 @@ from actioncli.cli.common import tell_notes
 from actioncli.cli.options import ClipReading, WeightsOption, complete_label
 from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
 from actioncli.cli.reading import named_clips, or_error, read_each, report_bad_clip, sharing
-from actioncli.errors import ClipError, StoreError, UsageError, WeightsError
+from actioncli.errors import ClipError, UsageError, WeightsError
 from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
-    from actioncli.clips.clip import Clip, FloatArray
-    from actioncli.recognizer import Recognizer
-    from actioncli.store.store import SupportStore
+    from actioncli.clips.clip import Clip
+    from actioncli.recognition.recognizer import Recognizer
 
 
 @command
@@ -84,6 +83,7 @@ def enroll(
       clips[]: source, example, added, frames, seconds, notes, warnings, error
       clips[].error: type, message, exit_code
     """
+    from actioncli.calibration.enrolment import enrol
     from actioncli.store.names import check_label
 
     paths = [Path(label), *(clips or [])] if negative else clips
@@ -110,40 +110,24 @@ def enroll(
         processes = sharing(files, reading.metrabs)
         given = read_each(files, reading.read, "Reading", shown=reading.shown, processes=processes)
     outcomes: list[tuple[Path, Clip | ClipError]] = []
-    embeddings: list[FloatArray] = []
     for path, clip in given:
         try:
             if isinstance(clip, ClipError):
                 raise clip
             if recognizer is not None:
                 # A clip that the model cannot use would fail every later classification.
-                embeddings.append(recognizer.embed([clip])[0])
+                recognizer.embed([clip])
         except ClipError as error:
             report_bad_clip(error)
             outcomes.append((path, error))
         else:
             outcomes.append((path, clip))
     usable = [clip for _, clip in outcomes if not isinstance(clip, ClipError)]
-    doubts: list[list[str]] = [[] for _ in usable]
     with settings.open_store() as store:
-        if usable and recognizer is not None and not negative:
-            try:
-                doubts = _doubts(store, recognizer, label, embeddings)
-            except StoreError as error:
-                # A damaged example, for instance, is no reason to refuse a new one.
-                settings.tell(f"warning: the clips are not compared: {printable(error)}")
-        try:
-            enrolled = store.enroll_all([(label, clip) for clip in usable], note, negative)
-        except UsageError as error:
-            if not negative:
-                raise
-            raise UsageError(
-                f"`{NEGATIVES}` is the name of an action here; give it another one first: "
-                f"actioncli rename {NEGATIVES} NEW"
-            ) from error
+        enrolled = enrol(store, recognizer, label, usable, note, negative)
 
     entries: list[dict[str, object]] = []
-    remaining = iter(zip(enrolled, doubts, strict=True))
+    remaining = iter(enrolled)
     for path, clip_or_error in outcomes:
         if isinstance(clip_or_error, ClipError):
             entries.append(
@@ -153,9 +137,7 @@ def enroll(
                 }
             )
             continue
-        one, warnings = next(remaining)
-        if not one.added:
-            warnings = []
+        one = next(remaining)
         entries.append(
             {
                 "source": str(path),
@@ -164,7 +146,7 @@ def enroll(
                 "frames": len(clip_or_error),
                 "seconds": number(clip_or_error.duration),
                 "notes": list(clip_or_error.notes),
-                "warnings": warnings,
+                "warnings": list(one.warnings),
             }
         )
         if not (settings.json or settings.quiet):
@@ -174,7 +156,7 @@ def enroll(
                 f"{'added' if one.added else 'already there'} as example {one.example} "
                 f"({plural(len(clip_or_error), 'frame')}, {clip_or_error.duration:.1f} s)"
             )
-        for line in warnings:
+        for line in one.warnings:
             settings.tell(f"warning: {printable(path)}: {printable(line)}")
     failed = len(outcomes) - len(usable)
     if settings.json:
@@ -199,7 +181,7 @@ def _recognizer(settings: Settings, weights: Path | None) -> Recognizer | None:
     Raises:
         WeightsError: weights that were asked for cannot be used.
     """
-    from actioncli.recognizer import Recognizer
+    from actioncli.recognition.recognizer import Recognizer
 
     try:
         return Recognizer(weights)
@@ -208,31 +190,3 @@ def _recognizer(settings: Settings, weights: Path | None) -> Recognizer | None:
             raise
         settings.tell(f"warning: the clips are not checked: {printable(error)}")
         return None
-
-
-def _doubts(
-    store: SupportStore,
-    recognizer: Recognizer,
-    label: str,
-    embeddings: Sequence[FloatArray],
-) -> list[list[str]]:
-    """For each new clip, warnings about what it looks like beside all others."""
-    import numpy as np
-
-    from actioncli.enrolment import stored_negatives, used_threshold
-    from actioncli.likeness import doubts
-
-    support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
-    negatives = stored_negatives(store, recognizer)
-    threshold, _ = used_threshold(store, recognizer)
-    own = [*support.pop(label, ()), *embeddings]
-    found = []
-    for clip in embeddings:
-        rest = [other for other in own if not np.array_equal(other, clip)]
-        beside = {**support, label: np.stack(rest)} if rest else support
-        if beside:
-            decision = recognizer.classify(clip, beside, threshold.tau, negatives)
-            found.append(doubts(decision, label, threshold))
-        else:
-            found.append([])
-    return found

@@ -265,7 +265,7 @@ def _numbers(ways: str | None) -> tuple[int, ...]:
 
 
 def _write_document(file: Path, document: Mapping[str, object]) -> None:
-    from actioncli.replacing import replacing
+    from actioncli.files import replacing
 
     try:
         with replacing(file) as part:
@@ -297,7 +297,7 @@ def _scorer(
 ) -> tuple[Scorer, str | None]:
     """What is measured, and the checksum of the weights behind it."""
     from actioncli.evaluation import baselines
-    from actioncli.recognizer import Recognizer
+    from actioncli.recognition.recognizer import Recognizer
 
     if baseline == "always-reject":
         return baselines.AlwaysReject(), None

@@ -12,8 +12,8 @@ from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.decision import Decision
-    from actioncli.recognizer import Recognizer
+    from actioncli.recognition.decision import Decision
+    from actioncli.recognition.recognizer import Recognizer
 
 
 def check_explanation(clips: Sequence[Path], page: Path) -> None:
@@ -39,8 +39,8 @@ def explain_decision(
         UsageError: it cannot be written.
         SupportError: the action was removed meanwhile.
     """
-    from actioncli.explanation import explain
-    from actioncli.pose.active import cut
+    from actioncli.clips.active import cut
+    from actioncli.recognition.explanation import explain
     from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
 
     if decision.part is not None:

@@ -26,7 +26,7 @@ _MOST_VIDEOS = 8
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How to read files that leave something open, and videos; see `actioncli.media.read_any`."""
+    """How to read files that leave something open, and videos; see `read_any`."""
 
     layout: str | None = None
     unit: str | None = None
@@ -50,7 +50,7 @@ class Reading:
             ClipError: it cannot be read or is unsuitable.
         """
         from actioncli.cli.video import video_progress
-        from actioncli.media import is_video, read_any
+        from actioncli.pose.media import is_video, read_any
 
         with video_progress(path, shown=shown and self.shown and is_video(path)) as progress:
             return read_any(
@@ -102,7 +102,7 @@ def sharing(paths: Sequence[Path], model: PoseModel | None = None) -> int:
     there are enough of them; a few take all cores one after another. A `model` of MeTRAbs has
     threads of its own, which are lost in another process.
     """
-    from actioncli.media import is_video
+    from actioncli.pose.media import is_video
 
     videos = sum(map(is_video, paths))
     together = min(cores(), _MOST_VIDEOS)
@@ -125,7 +125,7 @@ def read_each(
         shown: whether to show progress.
         processes: see `sharing`.
     """
-    from actioncli.media import is_video
+    from actioncli.pose.media import is_video
 
     one_by_one = processes == 1
 

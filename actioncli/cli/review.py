@@ -18,7 +18,7 @@ from actioncli.errors import ClipError, UsageError
 from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:
-    from actioncli.recorder import Kept
+    from actioncli.live.recorder import Kept
     from actioncli.store.store import SupportStore
 
 _KEYS = "e enrol, o enrol as another action, n negative, d delete, s skip, q quit"
@@ -69,7 +69,7 @@ def review(
         return
     if port or not open_page:
         raise UsageError("--port and --no-open belong to --page.")
-    from actioncli.recorder import kept_clips
+    from actioncli.live.recorder import kept_clips
 
     waiting = kept_clips(folder)
     if settings.json:

@@ -54,9 +54,9 @@ def studio(settings: Settings, port: PortOption = 0, open_page: OpenOption = Tru
     """
     check_extra()
     from actioncli.studio.app import Studio
-    from actioncli.studio.support import SupportSet
+    from actioncli.studio.support import SharedSupport
 
-    support = SupportSet(settings.store)
+    support = SharedSupport(settings.store)
     support.state()  # a store that cannot be read is told here, not on the page
     with _served(settings, port, open_page) as (server, scratch):
         behind = Studio(support, scratch)
@@ -74,12 +74,12 @@ def review_page(settings: Settings, folder: Path, port: int, open_page: bool) ->
         StoreError, WeightsError: the support set or the weights cannot be used.
     """
     check_extra()
-    from actioncli.recorder import kept_clips
+    from actioncli.live.recorder import kept_clips
     from actioncli.studio.review import Review
-    from actioncli.studio.support import SupportSet
+    from actioncli.studio.support import SharedSupport
 
     kept_clips(folder)
-    behind = Review(SupportSet(settings.store), folder)
+    behind = Review(SharedSupport(settings.store), folder)
     behind.support.state()
     with _served(settings, port, open_page) as (server, _):
         server.run(behind.app())

@@ -13,9 +13,9 @@ from actioncli.cli.common import check_place
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
-    from actioncli.decision import Decision
     from actioncli.pose.poses import Poses
     from actioncli.pose.video import Progress
+    from actioncli.recognition.decision import Decision
 
 # Reading that is over sooner needs no progress line.
 _PATIENCE_SECONDS = 1.0
@@ -66,7 +66,7 @@ def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None
     Raises:
         UsageError: not one video, or a file that is no new MP4.
     """
-    from actioncli.media import is_video
+    from actioncli.pose.media import is_video
 
     if len(clips) != 1 or not is_video(clips[0]):
         raise UsageError("--annotate draws on one video: name one, and no other clip.")

@@ -18,16 +18,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import enrolled
+from actioncli.cli.common import load_support
 from actioncli.cli.options import QualityOption, TauOption, WeightsOption, checked_quality
 from actioncli.cli.output import note, number, printable, say
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
-    from actioncli.events import Event, Spotter
+    from actioncli.live.events import Event, Spotter
+    from actioncli.live.recorder import Recorder
+    from actioncli.live.stream import PoseStream
+    from actioncli.pose.camera import LiveSource
     from actioncli.pose.frames import Frame, VideoFile
-    from actioncli.pose.stream import LiveSource, PoseStream
-    from actioncli.recorder import Recorder
 
 # Commands of --exec that may run at once; what comes meanwhile is told and left out.
 _MOST_RUNNING = 8
@@ -77,18 +78,17 @@ def watch(
     JSON keys:
       label, start, end, confidence
     """
-    from actioncli.events import Spotter
-    from actioncli.recognizer import Recognizer
-    from actioncli.recorder import Recorder
+    from actioncli.live.events import Spotter
+    from actioncli.live.recorder import Recorder
+    from actioncli.recognition.recognizer import Recognizer
 
     run = _Runner(execute) if execute is not None else None
     network = checked_quality(quality)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
-        known = enrolled(settings, store, recognizer, tau)
-        durations = [(e.frames - 1) / e.fps for e in store.examples() if not e.negative]
-    spotter = Spotter(recognizer, known.support, known.threshold, durations, known.negatives)
-    recorder = Recorder(record, known.threshold, source) if record is not None else None
+        support = load_support(settings, store, recognizer, tau)
+    spotter = Spotter(support)
+    recorder = Recorder(record, support.threshold, source) if record is not None else None
     try:
         for event in _events(settings, source, spotter, network, recorder):
             _tell(settings, event)
@@ -107,8 +107,8 @@ def _events(
     Raises:
         ClipError: the stream is lost; after the last event.
     """
-    from actioncli.events import STRIDE
-    from actioncli.pose.stream import PoseStream
+    from actioncli.live.events import STRIDE
+    from actioncli.live.stream import PoseStream
 
     poses = PoseStream(quality, seconds=max(spotter.windows) + 1)
     looked = -STRIDE
@@ -173,8 +173,9 @@ def _tell_end(
 @contextlib.contextmanager
 def _frames(source: str) -> Iterator[tuple[Iterator[Frame], VideoFile | LiveSource]]:
     """Frames of a file, or of a live source that is closed at the end."""
+    from actioncli.live.stream import file_frames
+    from actioncli.pose.camera import LiveSource
     from actioncli.pose.frames import VideoFile
-    from actioncli.pose.stream import LiveSource, file_frames
 
     if not (source.isdecimal() or "://" in source):
         video = VideoFile(Path(source))

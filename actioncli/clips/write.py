@@ -15,7 +15,7 @@ import numpy as np
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
-from actioncli.replacing import replacing
+from actioncli.files import replacing
 
 
 def write_clip(

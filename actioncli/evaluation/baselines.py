@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import Preparation, prepare
-from actioncli.decision import Comparison
 from actioncli.errors import SupportError, UsageError
 from actioncli.evaluation.splits import Splits
 from actioncli.model.warping import warping_cost
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.decision import Comparison
+from actioncli.recognition.recognizer import Recognizer
 
 if TYPE_CHECKING:
     from actioncli.clips.collection import Collection

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip
-from actioncli.decision import Comparison
+from actioncli.recognition.decision import Comparison
 
 
 class Scorer(Protocol):

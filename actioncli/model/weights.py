@@ -14,11 +14,10 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
+from actioncli.files import replacing, weights_file
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import closing_shapes
 from actioncli.model.trx_os import parameter_shapes
-from actioncli.replacing import replacing
-from actioncli.weights_path import weights_file
 
 FORMAT = "actioncli-weights"
 FORMAT_VERSION = "1"

@@ -10,13 +10,13 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import ClipError
+from actioncli.files import replacing
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.mp4 import mp4_writer
 from actioncli.pose.poses import LONGEST_GAP, Poses, resample
 from actioncli.pose.region import Image
 from actioncli.pose.sides import JOINT_NAMES
 from actioncli.pose.video import Progress
-from actioncli.replacing import replacing
 
 # Bones by name, with `?` for either side; left is drawn in one colour, right in another.
 _MIDDLE = ("lsho rsho", "lhip rhip")

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli.home import user_folder
+from actioncli.files import user_folder
 from actioncli.pose.poses import Poses
 
 # Changes when what is stored changes its meaning.

@@ -10,7 +10,7 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
-from actioncli.weights_path import weights_file
+from actioncli.files import weights_file
 
 # From 1.29 on, ONNX Runtime sends Microsoft what computer this is and which networks run on it, and
 # keeps an identifier for that. It reads this once, when it is loaded.

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from actioncli.clips.active import action_in
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
 from actioncli.pose import cache as pose_cache
-from actioncli.pose.active import action_in
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT, LandmarkEstimator

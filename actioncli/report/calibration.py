@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from actioncli.calibration import Recommendation
+from actioncli.calibration.threshold import Recommendation
+from actioncli.calibration.trials import Trials
 from actioncli.report.figures import Row, write_folder
 from actioncli.report.page import page, table
 from actioncli.report.plots import SHARES, Axis, Plot, fitting
-from actioncli.trials import Trials
 
 _GRID = np.linspace(0, 1, 101)
 _BINS = np.linspace(0, 1, 21)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import Preparation, prepared_at
-from actioncli.decision import Decision
-from actioncli.explanation import Attended, Explanation
 from actioncli.model.config import ModelConfig
+from actioncli.recognition.decision import Decision
+from actioncli.recognition.explanation import Attended, Explanation
 from actioncli.report.drawing import Text, elements
 from actioncli.report.figure import figure
 from actioncli.report.plots import SHARES, Axis, Plot, fitting

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import Preparation, prepared_at
-from actioncli.decision import Decision
 from actioncli.errors import UsageError
-from actioncli.explanation import Explanation
+from actioncli.files import replacing
 from actioncli.model.config import ModelConfig
-from actioncli.replacing import replacing
+from actioncli.recognition.decision import Decision
+from actioncli.recognition.explanation import Explanation
 from actioncli.report.contributions import attention, contributions, short
 from actioncli.report.figure import Figure, figure
 from actioncli.report.page import Stage, page, playable, scrolling
@@ -112,7 +112,7 @@ def _verdict(decision: Decision) -> str:
             f"Accepted as <b>{nearest}</b>: the confidence, {confidence}, is above the threshold "
             f"τ, {tau}."
         )
-    elif decision.shadowed:
+    elif decision.negative_is_nearer:
         told = (
             f"Rejected: a negative is nearer (distance {decision.nearest_negative:.2f}) than the "
             f"nearest action, <b>{nearest}</b> ({decision.ranking[0].distance:.2f}), which "

@@ -14,7 +14,7 @@ from actioncli.evaluation.acceptance import Acceptance
 from actioncli.evaluation.confusions import Confusion
 from actioncli.evaluation.curves import Pool, curves, histogram
 from actioncli.evaluation.result import CLASSES_FOR_MEAN, METRICS, Answers, Evaluation, Result
-from actioncli.replacing import replacing
+from actioncli.files import replacing
 
 Row = dict[str, Any]
 

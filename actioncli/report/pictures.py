@@ -7,7 +7,7 @@ from pathlib import Path
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import UsageError
-from actioncli.replacing import replacing
+from actioncli.files import replacing
 from actioncli.report.drawing import Drawing, Theme
 
 SUFFIXES = (".png", ".svg", ".gif", ".mp4")

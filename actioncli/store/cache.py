@@ -1,6 +1,7 @@
 """The embeddings of the examples, kept beside them so that a query need not compute them.
 
-They belong to one set of weights and can always be computed again.
+They belong to one set of weights and can always be computed again. Who enrols writes them; who
+asks only reads.
 """
 
 from __future__ import annotations
@@ -8,29 +9,18 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from actioncli.errors import StoreError
-from actioncli.store.database import reading, writing
-from actioncli.store.examples import read_record, require_label
+from actioncli.store.examples import require_label
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from actioncli.clips.clip import Clip
-
-# Of what `embed` computes with the same weights; kept beside their checksum. 2: the radius is that
-# of the view that is asked.
+# Of what the recogniser computes with the same weights; kept beside their checksum. 2: the radius
+# is that of the view that is compared.
 REVISION = 2
-
-# Clips that are embedded before their embeddings are kept.
-_AT_ONCE = 256
-
-# No one should wait long for the right to keep what can be computed again.
-_PATIENCE = 2.0
 
 _ALL = (
     "SELECT id, label, negative, weights, embeddings.frames, width, data, crc "
@@ -39,106 +29,54 @@ _ALL = (
 
 
 def read_embeddings(
-    path: Path,
-    weights_checksum: str,
-    embed: Callable[[Sequence[Clip]], NDArray[np.float32]],
-    negative: bool,
-) -> dict[str, NDArray[np.float32]]:
-    """See `SupportStore.embeddings`."""
+    db: sqlite3.Connection, weights_checksum: str
+) -> dict[int, NDArray[np.float32]]:
+    """The (F, E) embeddings that are kept for these weights and undamaged, by example."""
     import numpy as np
 
-    weights = f"{weights_checksum} {REVISION}"
-    with reading(path) as db:
-        if db is None:
-            return {}
-        labels, found = _kept(db, weights, negative)
-    missing = [example for example in labels if example not in found]
-    for start in range(0, len(missing), _AT_ONCE):
-        with reading(path) as db:
-            records = {
-                example: read_record(db, path, example)
-                for example in missing[start : start + _AT_ONCE]
-                if db and db.execute("SELECT 1 FROM examples WHERE id = ?", (example,)).fetchone()
-            }
-        # The store is not locked while embeddings are computed.
-        fresh = {
-            example: np.asarray(embed([record.clip()])[0], "<f4")
-            for example, record in records.items()
-        }
-        _keep(path, weights, negative, labels, fresh)
-        found |= fresh
-    by_label: dict[str, list[int]] = {}
-    for example, label in labels.items():
-        if example in found:
-            by_label.setdefault(label, []).append(example)
-    # Ten thousand take 350 MB: each goes as soon as its copy stands beside those of its label.
-    return {
-        label: np.stack([found.pop(example) for example in by_label[label]])
-        for label in sorted(by_label)
-    }
-
-
-def _kept(
-    db: sqlite3.Connection, weights: str, negative: bool
-) -> tuple[dict[int, str], dict[int, NDArray[np.float32]]]:
-    """What is cached for the actions, or for the negatives.
-
-    Returns:
-        The label of every example, in the order of enrolment, and the (F, E) embeddings of those
-        that have one for these weights.
-    """
-    import numpy as np
-
-    labels: dict[int, str] = {}
     found: dict[int, NDArray[np.float32]] = {}
     checked: set[object] = set()
-    for example, label, held, frames, width, crc, data in db.execute(
-        "SELECT id, label, negative, embeddings.frames, width, crc, data FROM examples "
-        "LEFT JOIN embeddings ON example = id AND weights = ? WHERE negative = ? ORDER BY id",
-        (weights, negative),
-    ):
+    for row in db.execute(f"{_ALL} WHERE weights = ? ORDER BY id", (_named(weights_checksum),)):
+        example, label, _, _, frames, width, data, crc = row
         if label not in checked:
             require_label(label)
             checked.add(label)
-        labels[example] = label
-        if data is not None and crc == _crc(example, label, held, weights, frames, width, data):
+        if crc == _crc(*row[:7]):
             found[example] = np.frombuffer(data, "<f4").reshape(frames, width)
-    return labels, found
+    return found
 
 
-def _keep(
-    path: Path,
-    weights: str,
-    negative: bool,
-    labels: dict[int, str],
-    embeddings: dict[int, NDArray[np.float32]],
+def write_embeddings(
+    db: sqlite3.Connection,
+    weights_checksum: str,
+    embeddings: Mapping[int, NDArray[np.float32]],
 ) -> None:
-    """Add to the cache, and drop what belongs to other weights.
+    """Keep (F, E) embeddings by example, and drop those of other weights.
 
-    A store that cannot be written now goes without.
+    An example that was removed in the meantime is passed over.
     """
-    rows: list[tuple[Any, ...]] = []
+    import numpy as np
+
+    weights = _named(weights_checksum)
+    db.execute("DELETE FROM embeddings WHERE weights != ?", (weights,))
     for example, embedding in embeddings.items():
-        label = labels[example]
+        found = db.execute(
+            "SELECT label, negative FROM examples WHERE id = ?", (example,)
+        ).fetchone()
+        if found is None:
+            continue
         frames, width = embedding.shape
-        data = embedding.tobytes()
-        crc = _crc(example, label, negative, weights, frames, width, data)
-        rows.append((weights, frames, width, crc, data, example, label))
-    try:
-        with writing(path, _PATIENCE) as db:
-            db.execute("DELETE FROM embeddings WHERE weights != ?", (weights,))
-            # An example may have been removed or renamed in the meantime.
-            db.executemany(
-                "INSERT OR REPLACE INTO embeddings (example, weights, frames, width, crc, data) "
-                "SELECT id, ?, ?, ?, ?, ? FROM examples WHERE id = ? AND label = ?",
-                rows,
-            )
-    except StoreError:
-        return
+        data = np.asarray(embedding, "<f4").tobytes()
+        crc = _crc(example, found[0], found[1], weights, frames, width, data)
+        db.execute(
+            "INSERT OR REPLACE INTO embeddings (example, weights, frames, width, crc, data) "
+            "VALUES (?, ?, ?, ?, ?, ?)",
+            (example, weights, frames, width, crc, data),
+        )
 
 
 def damaged_embeddings(db: sqlite3.Connection) -> list[int]:
-    """The examples whose cached embedding has changed since it was written."""
+    """The examples whose embedding has changed since it was written."""
     return [row[0] for row in db.execute(f"{_ALL} ORDER BY id") if _crc(*row[:7]) != row[7]]
 
 
@@ -153,6 +91,10 @@ def rename_embeddings(db: sqlite3.Connection, old: str, new: str) -> None:
     db.executemany("UPDATE embeddings SET crc = ? WHERE example = ? AND weights = ?", changed)
 
 
+def _named(weights_checksum: str) -> str:
+    return f"{weights_checksum} {REVISION}"
+
+
 def _crc(
     example: int, label: str, negative: bool, weights: str, frames: int, width: int, data: bytes
 ) -> int:
@@ -160,5 +102,5 @@ def _crc(
 
     With the label in it, a query that meets only embeddings notices one that was damaged.
     """
-    told = json.dumps([example, label, int(negative), weights, frames, width], default=repr)
-    return zlib.crc32(data, zlib.crc32(told.encode()))
+    owner = json.dumps([example, label, int(negative), weights, frames, width], default=repr)
+    return zlib.crc32(data, zlib.crc32(owner.encode()))

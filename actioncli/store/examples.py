@@ -23,6 +23,44 @@ class Enrolled:
     added: bool
 
 
+@dataclass(frozen=True)
+class Example:
+    """One enrolled clip; `added` is in UTC (ISO 8601), `checksum` the SHA-256 of its content."""
+
+    id: int
+    label: str
+    negative: bool
+    source: str
+    checksum: str
+    frames: int
+    joints: int
+    fps: float
+    added: str
+    note: str
+
+    @property
+    def seconds(self) -> float:
+        """From the first frame to the last."""
+        return (self.frames - 1) / self.fps
+
+
+def list_examples(db: sqlite3.Connection, label: str | None = None) -> list[Example]:
+    """The examples of a label, or all, by label and in the order of enrolment."""
+    rows = db.execute(
+        "SELECT id, label, negative, source, checksum, frames, joint_count, fps, added, note "
+        "FROM examples WHERE ?1 IS NULL OR label = ?1 ORDER BY label, id",
+        (label,),
+    ).fetchall()
+    examples = []
+    for number, name, negative, *rest in rows:
+        source, checksum, _, _, fps, added, note = rest
+        require_label(name)
+        require(str, source, checksum, added, note)
+        require(float, fps)
+        examples.append(Example(number, name, bool(negative), *rest))
+    return examples
+
+
 def insert(db: sqlite3.Connection, record: Record) -> Enrolled:
     """Add an example, unless the same clip is there under the same label.
 

@@ -11,7 +11,7 @@ import stat
 from pathlib import Path
 
 from actioncli.errors import StoreError
-from actioncli.home import HOME_VARIABLE, NoHomeError, user_folder
+from actioncli.files import HOME_VARIABLE, NoHomeError, user_folder
 from actioncli.store.faults import system_fault
 
 FILE_NAME = "support.db"

@@ -9,7 +9,7 @@ from pathlib import Path
 from actioncli.errors import StoreError
 from actioncli.store.migrations import setting_crc
 
-# What `actioncli.threshold` keeps; see there for its form.
+# What `actioncli.recognition.threshold` keeps; see there for its form.
 _THRESHOLD = "threshold"
 
 

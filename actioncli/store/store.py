@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
-from actioncli.store.cache import read_embeddings, rename_embeddings
+from actioncli.store.cache import rename_embeddings
 from actioncli.store.database import reading, writing
 from actioncli.store.examples import (
     Enrolled,
+    Example,
     holds_negatives,
     insert,
     known,
+    list_examples,
     read_outlines,
     read_record,
     rename_examples,
@@ -32,24 +34,9 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.store.record import Record
     from actioncli.store.repair import Repair
+    from actioncli.store.snapshot import Snapshot
 
 __all__ = ["Action", "Enrolled", "Example", "SupportStore"]
-
-
-@dataclass(frozen=True)
-class Example:
-    """One enrolled clip; `added` is in UTC (ISO 8601), `checksum` the SHA-256 of its content."""
-
-    id: int
-    label: str
-    negative: bool
-    source: str
-    checksum: str
-    frames: int
-    joints: int
-    fps: float
-    added: str
-    note: str
 
 
 @dataclass(frozen=True)
@@ -98,13 +85,23 @@ class SupportStore:
         return self.enroll_all([(label, clip)], note, negative)[0]
 
     def enroll_all(
-        self, clips: Iterable[tuple[str, Clip]], note: str = "", negative: bool = False
+        self,
+        clips: Iterable[tuple[str, Clip]],
+        note: str = "",
+        negative: bool = False,
+        embeddings: Sequence[NDArray[np.float32]] = (),
+        weights_checksum: str = "",
     ) -> list[Enrolled]:
         """Keep all of the labelled clips, or none; one answer for each, in order.
+
+        Args:
+            embeddings: (F, E) of each clip, or none, to be kept beside them.
+            weights_checksum: names the weights that computed the embeddings.
 
         Raises:
             UsageError, ClipError: as `enroll`.
         """
+        from actioncli.store.cache import write_embeddings
         from actioncli.store.record import Record
 
         # Everything that can fail or take long is done before the store is locked.
@@ -112,7 +109,11 @@ class SupportStore:
         if not records:
             return []
         with writing(self.path) as db:
-            return [insert(db, record) for record in records]
+            enrolled = [insert(db, record) for record in records]
+            if len(embeddings):
+                fresh = zip([one.example for one in enrolled], embeddings, strict=True)
+                write_embeddings(db, weights_checksum, dict(fresh))
+            return enrolled
 
     def actions(self) -> list[Action]:
         """What is enrolled, by label."""
@@ -140,21 +141,7 @@ class SupportStore:
         with reading(self.path) as db:
             if label is not None:
                 label = known(db, label)
-            examples: list[Example] = []
-            if db is None:
-                return examples
-            rows = db.execute(
-                "SELECT id, label, negative, source, checksum, frames, joint_count, fps, added, "
-                "note FROM examples WHERE ?1 IS NULL OR label = ?1 ORDER BY label, id",
-                (label,),
-            ).fetchall()
-            for number, label, negative, *rest in rows:
-                source, checksum, _, _, fps, added, note = rest
-                require_label(label)
-                require(str, source, checksum, added, note)
-                require(float, fps)
-                examples.append(Example(number, label, bool(negative), *rest))
-            return examples
+            return list_examples(db, label) if db else []
 
     def clip(self, example: int) -> Clip:
         """The clip of an example.
@@ -184,28 +171,28 @@ class SupportStore:
         """The clips that must never be accepted, in the order of enrolment."""
         return [record.clip() for record in self._records(negative=True)]
 
-    def embeddings(
-        self,
-        weights_checksum: str,
-        embed: Callable[[Sequence[Clip]], NDArray[np.float32]],
-        negative: bool = False,
-    ) -> dict[str, NDArray[np.float32]]:
-        """The embeddings of each label's examples, computed where the store has none yet.
-
-        New ones are kept, if the store can be written, and those of other weights are dropped.
-        Each clip is embedded by itself: what is kept does not depend on which clips came
-        together.
+    def snapshot(self, weights_checksum: str, settings: Collection[str] = ()) -> Snapshot:
+        """What is enrolled at one moment, with the embeddings for these weights.
 
         Args:
-            weights_checksum: names the weights with which `embed` computes.
-            embed: N clips to (N, F, E) float32.
-            negative: whether the negatives are wanted instead of the actions.
+            weights_checksum: names the weights that computed the embeddings.
+            settings: names of the settings that are wanted too.
 
-        Returns:
-            For each label, by name, the (n, F, E) float32 of its examples in the order of
-            enrolment.
+        Raises:
+            StoreError: an example without an embedding is damaged, or a setting is.
         """
-        return read_embeddings(self.path, weights_checksum, embed, negative)
+        from actioncli.store.snapshot import read_snapshot
+
+        return read_snapshot(self.path, weights_checksum, settings)
+
+    def keep_embeddings(
+        self, weights_checksum: str, embeddings: Mapping[int, NDArray[np.float32]]
+    ) -> None:
+        """Keep (F, E) embeddings by example for later queries; those of other weights go."""
+        from actioncli.store.cache import write_embeddings
+
+        with writing(self.path) as db:
+            write_embeddings(db, weights_checksum, embeddings)
 
     def remove(self, label: str, example: int | None = None) -> int:
         """Forget a label, or one example of it; how many examples are gone.

@@ -13,8 +13,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from actioncli.decision import Decision
 from actioncli.errors import ActionCliError, ClipError, StoreError, SupportError, UsageError
+from actioncli.recognition.decision import Decision
 from actioncli.studio.scratch import TooLargeError
 
 # The first that fits.
@@ -71,7 +71,7 @@ def decision_entry(decision: Decision | None) -> dict[str, Any] | None:
         "confidence": decision.confidence,
         "tau": decision.tau,
         "nearest": decision.nearest,
-        "shadowed": decision.shadowed,
+        "shadowed": decision.negative_is_nearer,
         "part": decision.part,
         "ranking": [
             {"label": each.label, "confidence": each.confidence} for each in decision.ranking

@@ -20,7 +20,7 @@ from actioncli.studio.answers import Answer, application, checked_tau, decision_
 from actioncli.studio.live import live_endpoint
 from actioncli.studio.measure import Measurement
 from actioncli.studio.scratch import Scratch, receive
-from actioncli.studio.support import SupportSet
+from actioncli.studio.support import SharedSupport
 from actioncli.studio.tray import Sent, Tray, check_kind
 
 # Bytes of an upload: minutes of video, where seconds are wanted.
@@ -41,7 +41,7 @@ class Studio:
         limit: bytes of an upload.
     """
 
-    support: SupportSet
+    support: SharedSupport
     scratch: Scratch
     limit: int = LARGEST_UPLOAD
 
@@ -132,7 +132,7 @@ class Studio:
             return entry
         if message := sent.error():
             return {**entry, "state": "failed", "message": message}
-        clip, _ = sent.clip()
+        clip = sent.clip()
         decision = self.support.classify(clip, sent.whole)
         return {
             **entry,
@@ -155,17 +155,15 @@ class Studio:
         negative = asked.get("negative") is True
         label = "" if negative else _text(asked, "label")
         number = request.path_params["id"]
-        clip, embedding = self.tray.get(number).clip()
-        enrolled, warnings = await asyncio.to_thread(
-            self.support.enroll, label, clip, embedding, negative
-        )
+        clip = self.tray.get(number).clip()
+        enrolled = await asyncio.to_thread(self.support.enroll, label, clip, negative)
         self.tray.discard(number)
         return Answer(
             {
                 "label": enrolled.label,
                 "example": enrolled.example,
                 "added": enrolled.added,
-                "warnings": warnings,
+                "warnings": list(enrolled.warnings),
             }
         )
 

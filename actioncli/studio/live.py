@@ -14,15 +14,15 @@ import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from actioncli.errors import ActionCliError, UsageError
-from actioncli.events import STRIDE, Event, Spotter
+from actioncli.live.events import STRIDE, Event, Spotter
+from actioncli.live.stream import PoseStream
 from actioncli.pose.annotate import bones
 from actioncli.pose.frames import Frame
 from actioncli.pose.sides import JOINT_NAMES, LIMBS
-from actioncli.pose.stream import PoseStream
 from actioncli.pose.video import DEFAULT_QUALITY
+from actioncli.recognition.support import SupportSet
 from actioncli.studio.answers import checked_tau
-from actioncli.studio.support import Loaded, SupportSet
-from actioncli.threshold import Threshold
+from actioncli.studio.support import SharedSupport
 
 # A message is the picture's time, in seconds, as a little-endian double, and the picture as JPEG.
 _TIME = struct.Struct("<d")
@@ -36,7 +36,7 @@ _MEMORY = 3.0
 class Camera:
     """What one camera shows, picture by picture."""
 
-    def __init__(self, support: SupportSet) -> None:
+    def __init__(self, support: SharedSupport) -> None:
         """Load the pose networks.
 
         Raises:
@@ -45,7 +45,7 @@ class Camera:
         self._support = support
         self._tau: float | None = None
         self._spotter: Spotter | None = None
-        self._known: tuple[Loaded, Threshold] | None = None
+        self._used: tuple[SupportSet, float | None] | None = None
         self._poses, self._memory = PoseStream(DEFAULT_QUALITY, _MEMORY), _MEMORY
         self._time, self._looked = -math.inf, -math.inf
 
@@ -86,21 +86,14 @@ class Camera:
     def _follow_support(self) -> None:
         """What is enrolled may change while the camera runs."""
         loaded = self._support.loaded()
-        threshold = self._support.threshold()[0]
-        if self._tau is not None:
-            threshold = Threshold(self._tau, threshold.weights)
-        if self._known == (loaded, threshold):
+        if self._used == (loaded, self._tau):
             return
-        self._known = loaded, threshold
+        self._used = loaded, self._tau
         self._spotter = None
-        if loaded.support:
-            self._spotter = Spotter(
-                self._support.recognizer,
-                loaded.support,
-                threshold,
-                loaded.durations,
-                loaded.negatives,
-            )
+        if loaded.actions:
+            support = loaded if self._tau is None else loaded.with_tau(self._tau)
+            self._threshold = support.threshold
+            self._spotter = Spotter(support)
             needed = max(self._spotter.windows) + 1
             if needed > self._memory:
                 self._poses, self._memory = PoseStream(DEFAULT_QUALITY, needed), needed
@@ -115,11 +108,11 @@ class Camera:
                 for (x, y), sure in zip(body.points, body.visibility, strict=False)
             ]
         spotter = self._spotter
-        if spotter is not None and self._known is not None:
+        if spotter is not None:
             told["ranking"] = [
                 {"label": seen.label, "confidence": seen.confidence} for seen in spotter.ranking
             ]
-            told["tau"] = self._known[1].tau
+            told["tau"] = self._threshold.tau
             current = spotter.current
             told["current"] = None if current is None else current.label
             told["events"] = [
@@ -129,7 +122,7 @@ class Camera:
         return told
 
 
-def live_endpoint(support: SupportSet) -> Callable[[WebSocket], Awaitable[None]]:
+def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[None]]:
     """The WebSocket of a camera: pictures in, one answer to each out, in order."""
 
     async def live(socket: WebSocket) -> None:

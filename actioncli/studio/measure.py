@@ -6,9 +6,10 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from actioncli.calibration import recommend
-from actioncli.studio.support import Loaded, SupportSet
-from actioncli.trials import Rate, run_trials
+from actioncli.calibration.threshold import recommend
+from actioncli.calibration.trials import Rate, run_trials
+from actioncli.recognition.support import SupportSet
+from actioncli.studio.support import SharedSupport
 
 # Positions of the slider.
 STEPS = 100
@@ -23,12 +24,12 @@ class _OutdatedError(Exception):
 class Measurement:
     """Measures in the background, once for every state of the support set that is asked about."""
 
-    def __init__(self, support: SupportSet) -> None:
+    def __init__(self, support: SharedSupport) -> None:
         """Nothing is measured until somebody asks."""
         self._support = support
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
-        self._wanted: Loaded | None = None
+        self._wanted: SupportSet | None = None
         self._found: dict[str, Any] = {}
         self._share = 0.0
 
@@ -42,7 +43,7 @@ class Measurement:
             StoreError: the store cannot be read.
         """
         loaded = self._support.loaded()
-        if not loaded.support:
+        if not loaded.actions:
             return {"state": "nothing"}
         with self._lock:
             if self._wanted is not loaded:
@@ -61,7 +62,7 @@ class Measurement:
         if thread is not None:
             thread.join()
 
-    def _measure(self, loaded: Loaded) -> None:
+    def _measure(self, loaded: SupportSet) -> None:
         recognizer = self._support.recognizer
 
         def progress(numbers: Sequence[int]) -> Iterator[int]:
@@ -74,7 +75,7 @@ class Measurement:
 
         try:
             nothing = recognizer.embed([])
-            trials = run_trials(recognizer, loaded.support, loaded.negatives, nothing, progress)
+            trials = run_trials(recognizer, loaded.actions, loaded.negatives, nothing, progress)
         except _OutdatedError:
             return
         found = recommend(trials, TARGET_FAR)

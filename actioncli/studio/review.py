@@ -14,11 +14,11 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from actioncli.errors import SupportError, UsageError
-from actioncli.recorder import Kept, kept_clips
+from actioncli.live.recorder import Kept, kept_clips
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.studio.answers import Answer, application, json_object
-from actioncli.studio.support import SupportSet
+from actioncli.studio.support import SharedSupport
 
 
 @dataclass(eq=False)
@@ -30,7 +30,7 @@ class Review:
             (`delete`).
     """
 
-    support: SupportSet
+    support: SharedSupport
     folder: Path
     done: Counter[str] = field(default_factory=Counter)
 
@@ -83,10 +83,8 @@ class Review:
         warnings: list[str] = []
         if decision != "delete":
             clip = kept.clip()
-            embedding = self.support.recognizer.embed([clip])[0]
-            _, warnings = self.support.enroll(
-                label, clip, embedding, decision == "negative", kept.origin
-            )
+            enrolled = self.support.enroll(label, clip, decision == "negative", kept.origin)
+            warnings = list(enrolled.warnings)
         kept.forget()
         self.done[decision] += 1
         return warnings

@@ -14,7 +14,7 @@ from pathlib import Path
 from starlette.requests import Request
 
 from actioncli.errors import UsageError
-from actioncli.home import NoHomeError, user_folder
+from actioncli.files import NoHomeError, user_folder
 
 _PREFIX = "studio-"
 # A folder that is older was left by a machine that lost power; no page is used for so long.

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.clip import Clip
 from actioncli.clips.read import CLIP_SUFFIXES
 from actioncli.errors import ActionCliError, ClipError, SupportError
-from actioncli.media import read_any
 from actioncli.pose import VIDEO_SUFFIXES
+from actioncli.pose.media import read_any
 from actioncli.pose.video import Progress
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.recognizer import Recognizer
 from actioncli.store.names import file_name
 
 # Clips held at once; the oldest goes first. They are small: it is a bound, not a budget.
@@ -47,7 +47,7 @@ class Sent:
     name: str
     whole: bool = False
     progress: Progress | None = None
-    reading: Future[tuple[Clip, FloatArray]] = field(default_factory=Future)
+    reading: Future[Clip] = field(default_factory=Future)
     _cancelled: threading.Event = field(default_factory=threading.Event)
     _asked: float = field(default_factory=time.monotonic)
 
@@ -73,8 +73,8 @@ class Sent:
             return str(failure)
         return f"unexpected {type(failure).__name__}: {failure} (this is a bug)"
 
-    def clip(self) -> tuple[Clip, FloatArray]:
-        """The clip and its embedding.
+    def clip(self) -> Clip:
+        """The clip.
 
         Raises:
             ClipError: it is still being read, or cannot be.
@@ -176,12 +176,14 @@ class Tray:
             self._sent.clear()
         self._workers.shutdown(wait=True, cancel_futures=True)
 
-    def _read(self, path: Path, sent: Sent, options: Mapping[str, Any]) -> tuple[Clip, FloatArray]:
+    def _read(self, path: Path, sent: Sent, options: Mapping[str, Any]) -> Clip:
         try:
             # What is kept, is kept in the support set: no poses in the cache.
             clip = read_any(path, cache=False, progress=sent.advance, **options)
             clip = replace(clip, source=sent.name)
-            return clip, self._recognizer.embed([clip])[0]
+            # A clip that the model cannot use would fail every later classification.
+            self._recognizer.embed([clip])
+            return clip
         except ActionCliError as error:
             told = str(error).replace(str(path), sent.name)
             raise type(error)(told) from error

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from actioncli.errors import WeightsError
-from actioncli.replacing import replacing
+from actioncli.files import replacing
 
 
 @dataclass(slots=True)

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from actioncli._version import __version__
-from actioncli.claims import claimed
 from actioncli.errors import UsageError, WeightsError
+from actioncli.files import output_lock
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes, positional_encoding
 from actioncli.model.weights import Weights, write_weights
@@ -109,7 +109,7 @@ def train(
     checkpoint = out.with_name(out.name + ".checkpoint")
     processes = joined()
     with (
-        claimed(out, "train", WeightsError) if processes.first else contextlib.nullcontext(),
+        output_lock(out, "train", WeightsError) if processes.first else contextlib.nullcontext(),
         _interrupts_noted() as interrupted,
     ):
         processes.wait()  # until the first one has made its claim

@@ -9,7 +9,7 @@ import numpy as np
 from actioncli.errors import UsageError
 from actioncli.evaluation.metrics import auroc, oscr
 from actioncli.model.weights import Weights
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.recognizer import Recognizer
 from actioncli.training.data import TrainingSet
 from actioncli.training.episodes import draw_episodes
 

@@ -66,7 +66,7 @@ def test_an_empty_support_set_is_told(tmp_path: Path, invoke: Invoke) -> None:
 def test_other_decisions_are_not_mixed(
     filled: SupportStore, tmp_path: Path, invoke: Invoke
 ) -> None:
-    from actioncli.batch_results import Results
+    from actioncli.archives.results import Results
 
     output = tmp_path / "out.parquet"
     with Results.opened(output, {"weights": "of old"}) as results:
@@ -80,7 +80,7 @@ def test_other_decisions_are_not_mixed(
 
 @needs_ray
 def test_the_columns_are_the_documented_ones(invoke: Invoke) -> None:
-    from actioncli.batch_results import SCHEMA
+    from actioncli.archives.results import SCHEMA
 
     block = invoke("batch", "--help").stdout.partition("Parquet columns:\n")[2]
     lines = block.partition("\n\n")[0].splitlines()

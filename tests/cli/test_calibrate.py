@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from actioncli import Recognizer, SupportStore
-from actioncli.calibration import TAUS
-from actioncli.threshold import Threshold, keep_threshold, kept_threshold
-from actioncli.trials import KINDS
+from actioncli.calibration.threshold import TAUS
+from actioncli.calibration.trials import KINDS
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
 from .conftest import ACTIONS, EXAMPLES, Invoke
 from .test_json_keys import documented, found

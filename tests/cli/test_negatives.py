@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from actioncli import Recognizer, SupportStore, read_clip
-from actioncli.recognizer import DEFAULT_TAU
+from actioncli.recognition.recognizer import DEFAULT_TAU
 
 from .conftest import EXAMPLES, Invoke
 
@@ -90,7 +90,7 @@ def test_the_library_takes_clips_and_embeddings() -> None:
     assert alone.nearest_negative is None
     assert recognizer.classify(query, support, 0, []) == alone
     shadowed = recognizer.classify(query, support, 0, [punch, query])
-    assert (shadowed.accepted, shadowed.label, shadowed.shadowed) == (False, None, True)
+    assert (shadowed.accepted, shadowed.label, shadowed.negative_is_nearer) == (False, None, True)
     assert shadowed.ranking == alone.ranking
     assert shadowed.notes[:-1] == alone.notes
     embedded = recognizer.classify(query, support, 0, recognizer.embed([punch, query]))

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from actioncli import SupportStore, read_clip
-from actioncli.events import Event
-from actioncli.recorder import Recorder
-from actioncli.threshold import Threshold
+from actioncli.live.events import Event
+from actioncli.live.recorder import Recorder
+from actioncli.recognition.threshold import Threshold
 
 from .conftest import EXAMPLES, Invoke
 

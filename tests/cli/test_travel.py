@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from actioncli import Recognizer, SupportStore, read_clip
-from actioncli.threshold import Threshold, keep_threshold, kept_threshold
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
 from .conftest import EXAMPLES, Invoke, MakeClip, Run
 

@@ -34,10 +34,10 @@ from worker import State, Task, Worker, checksum, encode, make_clip
 
 from actioncli import read_clip
 from actioncli.errors import StoreError
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.store.archive import read_archive
 from actioncli.store.record import Record
 from actioncli.store.store import SupportStore
-from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 from tests.forking import NOBODY, fork
 
 EXAMPLES = {

@@ -22,9 +22,9 @@ import actioncli.store.archive
 import actioncli.store.record
 from actioncli.clips.clip import Clip
 from actioncli.errors import StoreError
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.store import database
 from actioncli.store.store import SupportStore
-from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 
 # From a label to the numbers of its clips, in the order of enrolment.
 State = dict[str, list[int]]

@@ -27,10 +27,10 @@ from actioncli.clips.read import read_clip
 from actioncli.errors import AmbiguousClipError, StoreError
 from actioncli.evaluation.splits import read_splits
 from actioncli.model import weights
+from actioncli.recognition.threshold import kept_threshold
 from actioncli.store import archive
 from actioncli.store.record import Record, _content_checksum
 from actioncli.store.store import SupportStore
-from actioncli.threshold import kept_threshold
 
 Parts = Sequence[bytes]
 CORPUS = Path(__file__).parent / "corpus"

@@ -35,8 +35,8 @@ from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
 from actioncli.clips.prepare import Preparation
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
+from actioncli.recognition.threshold import Threshold, keep_threshold
 from actioncli.store.store import SupportStore
-from actioncli.threshold import Threshold, keep_threshold
 from fuzz.readers import CORPUS, READERS, _pack_weights
 
 BODY = waving(9)[1:4].round(2)

@@ -20,7 +20,7 @@ from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import embed
 from actioncli.model.features import mirror, token_features
 from actioncli.model.warping import warping_cost
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.recognizer import Recognizer
 from actioncli.training.recipes import RECIPES
 from tests.clips.test_prepare import waving
 

@@ -13,7 +13,7 @@ from actioncli.clips.read import read_clip
 from actioncli.model import compare
 from actioncli.model.embedding import asked_view, embed, in_view, token_columns, warp_columns
 from actioncli.model.features import mirror
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.recognizer import Recognizer
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from actioncli.errors import WeightsError
+from actioncli.files import weights_folder
 from actioncli.pose import networks
-from actioncli.weights_path import weights_folder
 
 
 @pytest.fixture

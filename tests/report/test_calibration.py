@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from actioncli import SupportStore, UsageError, read_clip
-from actioncli.calibration import Recommendation
+from actioncli.calibration.threshold import Recommendation
+from actioncli.calibration.trials import Queries, Trials
 from actioncli.report.calibration import write_calibration
-from actioncli.trials import Queries, Trials
 
 from .browser import accessible, ask, needs_chromium
 

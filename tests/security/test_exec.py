@@ -10,7 +10,7 @@ import pytest
 
 from actioncli.cli.watch import _Runner
 from actioncli.errors import UsageError
-from actioncli.events import Event
+from actioncli.live.events import Event
 
 LABELS = [
     "$(touch pwned)", "`touch pwned`", "; touch pwned", "| touch pwned", "&& touch pwned",

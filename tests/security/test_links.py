@@ -14,14 +14,14 @@ from clips.bodies import waving
 from actioncli import Clip
 from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.write import write_clip
-from actioncli.events import Event
+from actioncli.live.events import Event
+from actioncli.live.recorder import Recorder, kept_clips
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import write_weights
 from actioncli.pose import cache
 from actioncli.pose.poses import Poses
-from actioncli.recorder import Recorder, kept_clips
+from actioncli.recognition.threshold import Threshold
 from actioncli.report.figures import FIGURES, PAGE, write_folder
-from actioncli.threshold import Threshold
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and modes are others here")
 

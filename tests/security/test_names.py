@@ -88,9 +88,9 @@ def test_a_collection_is_evaluated(odd: Path, invoke: Invoke, toys: Path) -> Non
 def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
     pytest.importorskip("pyarrow", reason="needs the extra `ray`")
     from actioncli import Recognizer
-    from actioncli.batch import Stage, Task
-    from actioncli.batch_results import Results, storable
-    from actioncli.threshold import Threshold
+    from actioncli.archives.batch import Stage, Task
+    from actioncli.archives.results import Results, storable
+    from actioncli.recognition.threshold import Threshold
 
     recognizer = Recognizer()
     support = {"squat": recognizer.embed([read_clip(EXAMPLES / "squat/ada.npz")])}

@@ -21,12 +21,12 @@ from storing import as_ordinary_user, fork, give_away, make_clip, same, succeede
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import StoreError
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.store.database import writing
 from actioncli.store.migrations import MIGRATIONS
 from actioncli.store.pages import Pages, Row
 from actioncli.store.repair import Repair
 from actioncli.store.store import Example, SupportStore
-from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 
 PAGE = 4096
 SCHEMAS = Path(__file__).with_name("schemas")

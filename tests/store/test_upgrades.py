@@ -17,8 +17,8 @@ from storing import as_ordinary_user, give_away
 
 from actioncli import Recognizer, SupportStore, read_clip
 from actioncli.errors import StoreError
+from actioncli.recognition.threshold import Threshold, kept_threshold
 from actioncli.store.migrations import MIGRATIONS
-from actioncli.threshold import Threshold, kept_threshold
 
 SCHEMAS = Path(__file__).with_name("schemas")
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from actioncli.recognition.threshold import keep_threshold
 from actioncli.studio.app import Studio
 from actioncli.studio.scratch import Scratch
 from actioncli.studio.support import SupportSet
-from actioncli.threshold import keep_threshold
 
 from .browsing import CHROMIUM, FILM, OPTIONS, opened, write_film
 from .serving import Client, serving

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from actioncli import SupportStore, read_clip
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.studio.app import LARGEST_UPLOAD, Studio
-from actioncli.threshold import Threshold, keep_threshold, kept_threshold
 
 from .serving import EXAMPLES, Client
 

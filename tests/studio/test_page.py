@@ -12,8 +12,8 @@ from playwright.sync_api import Browser, Page, expect
 
 from actioncli import SupportStore, read_clip
 from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.recognition.threshold import kept_threshold
 from actioncli.studio.app import Studio
-from actioncli.threshold import kept_threshold
 
 from .browsing import FILM, PHONE, check, enroll, opened, send
 from .serving import EXAMPLES, Client

@@ -9,11 +9,11 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from actioncli import SupportStore, read_clip
-from actioncli.events import Event
-from actioncli.recorder import Recorder
+from actioncli.live.events import Event
+from actioncli.live.recorder import Recorder
+from actioncli.recognition.threshold import Threshold
 from actioncli.studio.review import Review
 from actioncli.studio.support import SupportSet
-from actioncli.threshold import Threshold
 
 from .browsing import DESKTOP, PHONE, check, opened
 from .serving import EXAMPLES, Client, serving

@@ -12,7 +12,7 @@ import pytest
 
 from actioncli.errors import UsageError, WeightsError
 from actioncli.model.weights import read_weights
-from actioncli.recognizer import Recognizer
+from actioncli.recognition.recognizer import Recognizer
 from actioncli.training import loop
 from actioncli.training.data import TrainingSet, hold_out
 from actioncli.training.loop import Progress, train

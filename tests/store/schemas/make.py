@@ -17,8 +17,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from actioncli import Clip, Recognizer, SupportStore, read_clip
+from actioncli.recognition.threshold import Threshold, keep_threshold
 from actioncli.store.migrations import MIGRATIONS
-from actioncli.threshold import Threshold, keep_threshold
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[2] / "examples"

@@ -1,0 +1,267 @@
+"""What a batch has found out: kept file by file while it runs, one Parquet file at its end.
+
+While a run lasts, `OUTPUT.partial`, an SQLite database, holds the list of files and, as soon as it
+is known, the row of each. However a run ends, the next one goes on from there; neither the list
+nor the rows have to fit in memory. At the end the rows are written to `OUTPUT` in the order of
+the files' names, and the database goes away; a later run takes over what `OUTPUT` holds. Two runs
+that found the same write the same bytes. Needs the extra `ray`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from actioncli.errors import ClipError, UsageError
+from actioncli.files import output_lock, replacing
+
+Row = dict[str, Any]
+
+SCHEMA = pa.schema(
+    [
+        ("source", pa.string()),
+        ("label", pa.string()),
+        ("accepted", pa.bool_()),
+        ("confidence", pa.float64()),
+        ("tau", pa.float64()),
+        ("nearest", pa.string()),
+        ("distance", pa.float64()),
+        ("nearest_negative", pa.float64()),
+        ("part_start", pa.float64()),
+        ("part_end", pa.float64()),
+        ("frames", pa.int64()),
+        ("seconds", pa.float64()),
+        ("notes", pa.list_(pa.string())),
+        ("error_type", pa.string()),
+        ("error", pa.string()),
+        ("size", pa.int64()),
+        ("mtime_ns", pa.int64()),
+    ]
+)
+_METADATA = b"actioncli"
+# Rows that are in memory at once when a Parquet file is read or written.
+_CHUNK = 5_000
+# A byte that is no UTF-8, as Python has it in a name, escaped.
+_HALF = re.compile(r"\\u(dc[89a-f][0-9a-f])")
+
+
+class Results:
+    """The rows of one output."""
+
+    def __init__(self, output: Path, basis: Mapping[str, str], database: sqlite3.Connection):
+        """Of a database that is there; see `opened`."""
+        self._output, self._basis, self._database = output, dict(basis), database
+
+    @classmethod
+    @contextmanager
+    def opened(cls, output: Path, basis: Mapping[str, str]) -> Iterator[Results]:
+        """Begin, or go on with what is there; no other run may write this output meanwhile.
+
+        Args:
+            output: the Parquet file.
+            basis: what decisions depend on, name to value.
+
+        Raises:
+            UsageError: another run writes it, or it was made on another basis.
+            ClipError: it is damaged, or not what this class writes, or cannot be written.
+        """
+        partial = _partial(output)
+        with output_lock(output, "batch", UsageError):
+            if not partial.exists():
+                _check(output, basis)
+                partial.touch(mode=0o600)
+            try:
+                # A statement is a transaction of its own, unless `_transaction` makes a larger one.
+                with closing(sqlite3.connect(partial, isolation_level=None)) as database:
+                    results = cls(output, basis, database)
+                    results._begin()
+                    yield results
+            except sqlite3.Error as error:
+                raise ClipError(
+                    f"{partial}: cannot be used: {error}; where it is damaged, delete it."
+                ) from error
+
+    def _begin(self) -> None:
+        run = self._database.execute
+        # Also on drives that share no memory between machines; a kill loses no row.
+        run("PRAGMA locking_mode = EXCLUSIVE")
+        run("PRAGMA journal_mode = WAL")
+        run("PRAGMA synchronous = NORMAL")
+        with _transaction(self._database):
+            run("CREATE TABLE IF NOT EXISTS basis (name TEXT PRIMARY KEY, value TEXT)")
+            run(
+                "CREATE TABLE IF NOT EXISTS files (source TEXT PRIMARY KEY, size INTEGER, "
+                "mtime_ns INTEGER, failed INTEGER, row TEXT) WITHOUT ROWID"
+            )
+            before = dict(run("SELECT name, value FROM basis"))
+            if before:
+                _compare(_partial(self._output), before, self._basis)
+            else:
+                self._database.executemany("INSERT INTO basis VALUES (?, ?)", self._basis.items())
+                self._take_over()
+            run("UPDATE files SET row = NULL WHERE failed")
+
+    def _take_over(self) -> None:
+        """The rows of an earlier run that came to its end."""
+        if not self._output.exists():
+            return
+        with _reading(self._output), pq.ParquetFile(self._output) as file:
+            for batch in file.iter_batches(_CHUNK):
+                rows = pa.Table.from_batches([batch]).cast(SCHEMA).to_pylist()
+                self._database.executemany(
+                    "INSERT INTO files VALUES (?, ?, ?, ?, ?)", map(_values, rows)
+                )
+
+    def set_files(self, paths: Iterable[Path]) -> None:
+        """Say which files there are: rows of others, and of files that have changed, go.
+
+        Args:
+            paths: absolute, in any order.
+        """
+        with _transaction(self._database):
+            self._database.execute("CREATE TEMP TABLE listed (source TEXT PRIMARY KEY)")
+            for path in paths:
+                source = storable(str(path))
+                size, mtime_ns = _state(path)
+                self._database.execute("INSERT OR IGNORE INTO listed VALUES (?)", (source,))
+                self._database.execute(
+                    "INSERT INTO files VALUES (?, ?, ?, 0, NULL) ON CONFLICT (source) DO UPDATE "
+                    "SET row = CASE WHEN size IS excluded.size AND mtime_ns IS excluded.mtime_ns "
+                    "THEN row END, size = excluded.size, mtime_ns = excluded.mtime_ns",
+                    (source, size, mtime_ns),
+                )
+            self._database.execute("DELETE FROM files WHERE source NOT IN listed")
+            self._database.execute("DROP TABLE listed")
+
+    def missing(self, most: int, after: str = "") -> list[str]:
+        """The first files, by name, whose row is not known yet.
+
+        Args:
+            most: so many of them.
+            after: a name; only those behind it.
+        """
+        found = self._database.execute(
+            "SELECT source FROM files WHERE row IS NULL AND source > ? ORDER BY source LIMIT ?",
+            (after, most),
+        )
+        return [source for (source,) in found]
+
+    def add(self, row: Row) -> None:
+        """Keep a row: from now on nothing but a power loss takes it away."""
+        _, _, _, failed, told = _values(row)
+        self._database.execute(
+            "UPDATE files SET failed = ?, row = ? WHERE source = ?", (failed, told, row["source"])
+        )
+
+    def count(self) -> dict[str, int]:
+        """How many `files` there are, and of them `done`, `accepted`, `rejected`, `failed`."""
+        found = self._database.execute(
+            "SELECT count(*), count(row), ifnull(sum(json_extract(row, '$.accepted')), 0), "
+            "ifnull(sum(NOT json_extract(row, '$.accepted')), 0), "
+            "ifnull(sum(failed AND row NOTNULL), 0) FROM files"
+        )
+        names = ("files", "done", "accepted", "rejected", "failed")
+        return dict(zip(names, next(found), strict=True))
+
+    def finish(self) -> None:
+        """Write `OUTPUT`; nothing more can be added.
+
+        Raises:
+            ClipError: it cannot be written.
+        """
+        try:
+            self._write()
+        except OSError as error:
+            raise ClipError(f"{self._output}: cannot be written: {error.strerror}.") from error
+        self._database.close()
+        _partial(self._output).unlink()
+
+    def _write(self) -> None:
+        header = json.dumps({"format": 1, **self._basis})
+        rows = self._database.execute(
+            "SELECT row, source, size, mtime_ns FROM files WHERE row NOTNULL ORDER BY source"
+        )
+        with (
+            replacing(self._output) as part,
+            pq.ParquetWriter(part, SCHEMA.with_metadata({_METADATA: header})) as file,
+        ):
+            while chunk := rows.fetchmany(_CHUNK):
+                names = ("source", "size", "mtime_ns")
+                told = [json.loads(row) | dict(zip(names, of, strict=True)) for row, *of in chunk]
+                file.write_table(pa.Table.from_pylist(told, file.schema))
+
+
+def storable(text: str) -> str:
+    """Text as a table can hold it: half characters are escaped. JSON can have them, and for Python
+    they stand for bytes of a file's name that are no UTF-8."""
+    return text.encode(errors="backslashreplace").decode()
+
+
+def file_named(source: str) -> str:
+    """The file whose name `storable` made this of."""
+    return source if os.path.lexists(source) else _HALF.sub(lambda h: chr(int(h[1], 16)), source)
+
+
+def _partial(output: Path) -> Path:
+    return output.with_name(output.name + ".partial")
+
+
+@contextmanager
+def _transaction(database: sqlite3.Connection) -> Iterator[None]:
+    """All or nothing."""
+    database.execute("BEGIN")
+    with database:
+        yield
+
+
+def _state(path: Path) -> tuple[int | None, int | None]:
+    """Size and time of change by which a changed file is noticed; None where there is none."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None, None
+    return found.st_size, found.st_mtime_ns
+
+
+def _values(row: Row) -> tuple[object, ...]:
+    """A row as the columns of the table `files`."""
+    told = {name: value for name, value in row.items() if value is not None}
+    state = [told.pop(name, None) for name in ("source", "size", "mtime_ns")]
+    return (*state, "error" in told, json.dumps(told))
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+        raise ClipError(
+            f"{path}: is no output of `actioncli batch` ({type(error).__name__}); it is not "
+            "written over: name another OUTPUT, or delete it."
+        ) from error
+
+
+def _check(output: Path, basis: Mapping[str, str]) -> None:
+    """Refuse an output that was made otherwise before anything is written."""
+    if output.exists():
+        with _reading(output):
+            header = json.loads(pq.read_schema(output).metadata[_METADATA])
+        _compare(output, header, basis)
+
+
+def _compare(path: Path, before: Mapping[str, str], basis: Mapping[str, str]) -> None:
+    changed = [name for name, value in basis.items() if before.get(name) != value]
+    if changed:
+        raise UsageError(
+            f"{path}: was made with another {' and '.join(changed)}; decisions are not mixed: "
+            "name another OUTPUT, or delete it."
+        )

@@ -1,0 +1,143 @@
+"""Files and folders: outputs that appear whole, the lock on an output, where a user's own files
+and the shipped weights lie."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+from actioncli.errors import ActionCliError, WeightsError
+
+HOME_VARIABLE = "ACTIONCLI_HOME"
+_PACKAGE = Path(__file__).resolve().parent
+
+
+class NoHomeError(OSError):
+    """There is no such place, as for a service whose user has no home."""
+
+
+def user_folder(kind: Literal["data", "cache"]) -> Path:
+    """The folder for what is kept, or for what could be made again; nothing is created.
+
+    Raises:
+        NoHomeError: the user has no home, or `ACTIONCLI_HOME` begins with that of nobody.
+    """
+    named = os.environ.get(HOME_VARIABLE)
+    try:
+        if named:
+            return Path(named).expanduser().absolute()
+        import platformdirs
+
+        if kind == "data":
+            found = platformdirs.user_data_path("actioncli", appauthor=False)
+        else:
+            found = platformdirs.user_cache_path("actioncli")
+    except RuntimeError as error:
+        if named:
+            raise NoHomeError(f"{HOME_VARIABLE}={named} names no folder: {error}") from error
+        found = Path()
+    # Older versions of platformdirs leave `~` as it is.
+    if not found.is_absolute():
+        raise NoHomeError(f"This user has no home folder: let {HOME_VARIABLE} name a folder.")
+    return found
+
+
+def weights_folder() -> Path:
+    """The folder of the shipped weights.
+
+    Inside an installed wheel that is `actioncli/weights`; in a checkout, and so in an editable
+    install, `weights` stands beside the package.
+    """
+    installed = _PACKAGE / "weights"
+    return installed if installed.is_dir() else _PACKAGE.parent / "weights"
+
+
+def weights_file(name: str) -> Path:
+    """The path of one shipped file, such as `trx_os.safetensors`.
+
+    Raises:
+        WeightsError: the file did not come with this installation.
+    """
+    path = weights_folder() / name
+    if not path.is_file():
+        raise WeightsError(
+            f"{path} is missing: this installation of actioncli is incomplete. Install it again."
+        )
+    return path
+
+
+@contextmanager
+def replacing(path: Path, private: bool = False, suffix: str = ".part") -> Iterator[Path]:
+    """A new, empty file beside `path` that takes its place when the block ends well.
+
+    Its name cannot be guessed and it is never one that was there: a link that another user laid
+    in a shared folder is replaced, not followed.
+
+    Args:
+        path: the file to write; its folder must exist.
+        private: keep the mode 0600 whatever the umask allows.
+        suffix: how the new file's name ends, for libraries that go by it.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".actioncli-", suffix=suffix)
+    os.close(handle)
+    part = Path(name)
+    try:
+        yield part
+        part.chmod(0o600 if private else 0o666 & ~_umask())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    # There is no other way to ask for it.
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+@contextmanager
+def output_lock(output: Path, command: str, error: type[ActionCliError]) -> Iterator[None]:
+    """Keep other runs of a command from writing the same output, by a lock on `OUTPUT.lock`.
+
+    The lock ends with the process that holds it, however that ends. Needs filelock, which the
+    extras `train` and `ray` bring.
+
+    Args:
+        output: what is written.
+        command: its name, for the message.
+        error: what is raised.
+
+    Raises:
+        ActionCliError: of the class `error`: another run holds the output, or its folder cannot
+            be written.
+    """
+    from filelock import FileLock, Timeout
+
+    path = output.with_name(output.name + ".lock")
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as held:
+        raise error(
+            f"{output}: another run of `{command}` is writing it; wait for that one, or name "
+            "another output."
+        ) from held
+    except OSError as failed:
+        raise error(f"{path}: cannot be written: {failed.strerror}.") from failed
+    try:
+        yield
+    finally:
+        # While it is still held: who waits for this file notices that it is gone.
+        with contextlib.suppress(OSError):
+            path.unlink()
+        lock.release()

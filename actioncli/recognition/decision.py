@@ -1,0 +1,122 @@
+"""What is said of a query: how it compares with every action, and the decision that follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Q queries against K enrolled actions.
+
+    Attributes:
+        labels: (K,) names of the actions.
+        distance: (Q, K) float32, smaller is more alike: T(Q, S) of the paper, or with the
+            default recipe the odds against query and action being the same,
+            1 / confidence - 1.
+        confidence: (Q, K) float32 in [0, 1], that query q shows action k, whatever else is
+            enrolled.
+        probability: (Q, K) float32, among the enrolled actions alone: softmax of -T, or with
+            the default recipe the odds divided by their sum; rows sum to 1.
+    """
+
+    labels: NDArray[np.str_]
+    distance: FloatArray
+    confidence: FloatArray
+    probability: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """One enrolled action as seen from a query; the fields are those of `Comparison`."""
+
+    label: str
+    distance: float
+    probability: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What a clip shows.
+
+    Attributes:
+        label: the recognised action, or None where the clip is rejected.
+        accepted: confidence > tau, and no negative is nearer than the nearest action.
+        confidence: that the clip shows the nearest action, in [0, 1].
+        tau: the threshold that was used.
+        nearest: the nearest enrolled action, accepted or not.
+        ranking: all enrolled actions, nearest first.
+        notes: what reading the clip decided on the way, which part of it is meant, and whether
+            a negative is nearest.
+        nearest_negative: distance to the nearest negative; None where there are none.
+        part: when the part that all of this is about begins and ends, seconds of the clip's
+            source: the whole clip, or of a long clip the window that shows an action best.
+            None for an embedding.
+    """
+
+    label: str | None
+    accepted: bool
+    confidence: float
+    tau: float
+    nearest: str
+    ranking: tuple[Ranked, ...]
+    notes: tuple[str, ...] = ()
+    nearest_negative: float | None = None
+    part: tuple[float, float] | None = None
+
+    @property
+    def negative_is_nearer(self) -> bool:
+        """Whether a negative is nearer than the nearest action, which rejects at any tau."""
+        return _is_nearer(self.nearest_negative, self.ranking[0])
+
+
+def decide(
+    comparison: Comparison,
+    row: int,
+    tau: float,
+    negative: float | None = None,
+    notes: tuple[str, ...] = (),
+    part: tuple[float, float] | None = None,
+) -> Decision:
+    """Accept or reject.
+
+    Args:
+        comparison: of queries with the enrolled actions.
+        row: the query that is decided about.
+        tau: accept where the confidence is above it.
+        negative: distance to the nearest negative.
+        notes, part: as in `Decision`.
+    """
+    order = np.lexsort((comparison.distance[row],))  # stable
+    measured = (comparison.distance, comparison.probability, comparison.confidence)
+    columns = [values[row, order].tolist() for values in measured]
+    ranking = tuple(map(Ranked, comparison.labels[order].tolist(), *columns))
+    nearest = ranking[0]
+    shadowed = _is_nearer(negative, nearest)
+    if shadowed:
+        notes += (
+            f"nearer to a negative (distance {negative:.2f}) than to {nearest.label!r} "
+            f"({nearest.distance:.2f})",
+        )
+    accepted = nearest.confidence > tau and not shadowed
+    return Decision(
+        label=nearest.label if accepted else None,
+        accepted=accepted,
+        confidence=nearest.confidence,
+        tau=tau,
+        nearest=nearest.label,
+        ranking=ranking,
+        notes=notes,
+        nearest_negative=negative,
+        part=part,
+    )
+
+
+def _is_nearer(negative: float | None, action: Ranked) -> bool:
+    return negative is not None and negative < action.distance

@@ -1,0 +1,278 @@
+"""Why a clip is as far from an action as it is: which joints, which moments, which frame pairs.
+
+*Attribution.* The nearest enrolled example of the action, played at the query's pace (aligned by
+dynamic time warping), is turned into the query part by part. With v(S) the distance to the action
+of a motion in which the parts S move as in the query and all others as in the example, part i is
+given the mean over orders of v(S and i) - v(S), S being the parts before it: Shapley's value
+(L. Shapley: A value for n-person games, 1953), estimated over a few orders and their reverses as
+in Castro, Gómez, Tejada (2009). In every order the differences add up to v(all) - v(none), so
+
+    distance = base + Σ parts,        base = v(none), the distance of the example itself,
+
+holds exactly however few the orders are. Parts are the bones (named after the joint at their far
+end) in one account, and the moments of the clip in another: two ways to cut the same distance.
+A negative part brings the query nearer to the action than the example is.
+
+*Attention.* Of each pair of the query's moments, how much it attends to which pair of the
+example's, and how much of T, the mean difference of pairs from their prototypes, is its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.prepare import BONES, prepare
+from actioncli.model import compare, trx_os
+from actioncli.model.config import ModelConfig
+from actioncli.model.embedding import asked_view, embed, in_view, token_columns
+from actioncli.model.features import mirror
+from actioncli.recognition.recognizer import Recognizer
+
+# Orders in which parts are exchanged; each is also taken backwards.
+_ORDERS = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attended:
+    """A pair of the query's moments, and the pair of the example's that it attends to most.
+
+    Attributes:
+        query: the two moments of the query.
+        example: those of the example.
+        weight: share of its attention to the whole action that goes there.
+        share: of T that this pair of the query contributes, in [0, 1].
+    """
+
+    query: tuple[int, int]
+    example: tuple[int, int]
+    weight: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explanation:
+    """The distance between a query and an action, taken apart.
+
+    Attributes:
+        distance: as `Recognizer.compare` gives it.
+        base: distance of the example itself, at the query's pace.
+        joints: from joint to its part of the distance; with `base` they add up to it.
+        moments: (M,) the same for equal stretches of the prepared clip.
+        example: which of the action's examples the query is nearest to.
+        mirrored: whether the query is compared with left and right exchanged.
+        attention: (M, M) share of attention from the query's moments to the example's; rows add
+            up to at most 1, the rest goes to other examples.
+        pairs: the pairs of moments that differ most, first the largest share of T.
+    """
+
+    distance: float
+    base: float
+    joints: dict[str, float]
+    moments: NDArray[np.float64]
+    example: int
+    mirrored: bool
+    attention: NDArray[np.float64]
+    pairs: tuple[Attended, ...]
+
+
+def explain(
+    recognizer: Recognizer, query: Clip, examples: Sequence[Clip], pairs: int = 3
+) -> Explanation:
+    """Take the distance between a query and an action apart.
+
+    Args:
+        recognizer: whose distance.
+        query: the clip.
+        examples: all enrolled clips of the action.
+        pairs: how many pairs of moments are wanted.
+
+    Raises:
+        ClipError: a clip lacks joints that the model reads.
+    """
+    config = recognizer.weights.config
+    frames = prepare(query, config.preparation)
+    enrolled = np.stack([prepare(clip, config.preparation) for clip in examples])
+    asked, support = (recognizer.embed(clips) for clips in ([query], examples))
+    distance = float(recognizer.compare(asked, {"": support}).distance[0, 0])
+    example, mirrored = _nearest(recognizer, asked, support)
+    reference = enrolled[example]
+    if mirrored:
+        reference = mirror(config, reference[None])[0]
+    reference = reference[_pace(frames, reference)]
+
+    def distances(made: FloatArray) -> NDArray[np.float64]:
+        embedded = embed(recognizer.weights.tensors, config, made, queries=True)
+        return recognizer.compare(embedded, {"": support}).distance[:, 0].astype(np.float64)
+
+    parts = _parts(config)
+    moments = config.tokens
+    swaps = [_exchange_joints(config, frames, reference, on) for on in _steps(len(parts))]
+    swaps += [_exchange_moments(frames, reference, on) for on in _steps(moments)]
+    base, *found = distances(np.stack([reference, *swaps]))
+    by_joint, by_moment = np.split(np.array(found), [len(_steps(len(parts)))])
+    weights, of_pair = _attention(recognizer, asked, support, mirrored)
+    return Explanation(
+        distance=distance,
+        base=float(base),
+        joints=dict(
+            zip(parts, _shares(by_joint, len(parts), base, distance).tolist(), strict=True)
+        ),
+        moments=_shares(by_moment, moments, base, distance),
+        example=example,
+        mirrored=mirrored,
+        attention=_between_moments(config, weights[:, example]),
+        pairs=_largest(config, weights[:, example], of_pair, pairs),
+    )
+
+
+def _nearest(recognizer: Recognizer, asked: FloatArray, support: FloatArray) -> tuple[int, bool]:
+    """The example that the query is nearest to, and whether it is so mirrored."""
+    config = recognizer.weights.config
+    if not config.warp_width:
+        each = {str(n): support[n : n + 1] for n in range(len(support))}
+        return int(recognizer.compare(asked, each).distance.argmin()), False
+    warped = compare.warp(recognizer.weights.tensors, config, asked, list(support[:, None]))
+    example = int(warped.cost[0].argmin())
+    return example, bool(warped.mirrored[0, example])
+
+
+def _pace(query: FloatArray, example: FloatArray) -> NDArray[np.intp]:
+    """For each frame of the query the frame of the example that warping aligns with it."""
+    q, s = (frames.reshape(len(frames), -1) for frames in (query, example))
+    cost = np.linalg.norm(q[:, None] - s, axis=2)
+    total = np.full((len(q) + 1, len(s) + 1), np.inf)
+    total[0, 0] = 0
+    for i in range(len(q)):
+        for j in range(len(s)):
+            total[i + 1, j + 1] = cost[i, j] + min(total[i, j], total[i, j + 1], total[i + 1, j])
+    aligned: list[list[int]] = [[] for _ in q]
+    i, j = len(q), len(s)
+    while i and j:
+        aligned[i - 1].append(j - 1)
+        back = ((i - 1, j - 1), (i - 1, j), (i, j - 1))
+        i, j = min(back, key=lambda at: total[at])
+    return np.array([round(float(np.mean(each))) for each in aligned])
+
+
+def _parts(config: ModelConfig) -> tuple[str, ...]:
+    """Joints that can be exchanged: far ends of bones, or all but the pelvis of other layouts."""
+    names = config.preparation.joints
+    if set(names) == set(DEFAULT_JOINTS):
+        return tuple(joint for joint, _, _ in BONES)
+    return tuple(name for name in names if name != "pelv")
+
+
+def _steps(parts: int) -> list[NDArray[np.bool_]]:
+    """Which parts are the query's, for all steps of all orders that lie between none and all."""
+    steps = []
+    for order in _orders(parts):
+        on = np.zeros(parts, np.bool_)
+        for part in order[:-1]:
+            on = on.copy()
+            on[part] = True
+            steps.append(on)
+    return steps
+
+
+def _orders(parts: int) -> list[NDArray[np.intp]]:
+    rng = np.random.default_rng(0)
+    orders = [rng.permutation(parts) for _ in range(_ORDERS)]
+    return [*orders, *(order[::-1] for order in orders)]
+
+
+def _shares(
+    found: NDArray[np.float64], parts: int, base: float, distance: float
+) -> NDArray[np.float64]:
+    """Mean of what each part adds, from the distances after each of `_steps`."""
+    shares = np.zeros(parts)
+    orders = _orders(parts)
+    for order, between in zip(orders, found.reshape(len(orders), parts - 1), strict=True):
+        shares[order] += np.diff(np.concatenate([[base], between, [distance]]))
+    return shares / len(orders)
+
+
+def _exchange_joints(
+    config: ModelConfig, query: FloatArray, reference: FloatArray, on: NDArray[np.bool_]
+) -> FloatArray:
+    """The example with some parts from the query, (F, J, 3)."""
+    names = config.preparation.joints
+    made = reference.copy()
+    if set(names) != set(DEFAULT_JOINTS):
+        for part, chosen in zip(_parts(config), on, strict=True):
+            if chosen:
+                made[:, names.index(part)] = query[:, names.index(part)]
+        return made
+    # Bones, not positions: no bone is stretched, and an arm follows the shoulder it hangs on.
+    for (child, parent, _), chosen in zip(BONES, on, strict=True):
+        source = query if chosen else reference
+        at, above = names.index(child), names.index(parent)
+        made[:, at] = made[:, above] + (source[:, at] - source[:, above])
+    return made
+
+
+def _exchange_moments(
+    query: FloatArray, reference: FloatArray, on: NDArray[np.bool_]
+) -> FloatArray:
+    """The example with some moments from the query, (F, J, 3)."""
+    chosen = np.repeat(on, len(query) // len(on))[:, None, None]
+    return np.where(chosen, query, reference)
+
+
+def _attention(
+    recognizer: Recognizer, asked: FloatArray, support: FloatArray, mirrored: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Attention from the query's pairs to those of each example (P, n, P), and each pair's share
+    of T (P,)."""
+    params, config = recognizer.weights.tensors, recognizer.weights.config
+    view, columns = asked_view(params, config, asked), token_columns(config)
+    seen = in_view(asked, columns, view)
+    query_keys, query_values = (each[0] for each in trx_os.pairs(params, config, seen))
+    beside = support[..., columns[view[0] ^ mirrored]]
+    keys, values = (
+        each.reshape(-1, config.key_width) for each in trx_os.pairs(params, config, beside)
+    )
+    bias = trx_os.place_bias(params, config, keys)
+    if config.near_pairs:
+        bias = np.tile(bias, len(support))
+    weights = trx_os.attention(query_keys, keys, bias)
+    difference = query_values - trx_os.prototypes(weights, values)
+    of_pair = np.array([float(trx_os.distance(config, each[None])) for each in difference])
+    weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float64)
+    return weights.reshape(config.pairs, len(support), config.pairs), of_pair / of_pair.sum()
+
+
+def _between_moments(config: ModelConfig, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Attention between pairs (P, P) as attention between their moments (M, M)."""
+    first, second = (np.array(each) for each in trx_os.pair_indices(config.tokens))
+    found = np.zeros((config.tokens, config.tokens))
+    for ends in (first, second):
+        np.add.at(found, (ends[:, None], ends[None, :]), weights)
+    # Every moment is an end of M - 1 pairs.
+    return found / (config.tokens - 1)
+
+
+def _largest(
+    config: ModelConfig,
+    weights: NDArray[np.float64],
+    of_pair: NDArray[np.float64],
+    wanted: int,
+) -> tuple[Attended, ...]:
+    first, second = trx_os.pair_indices(config.tokens)
+    found = []
+    for pair in np.argsort(-of_pair, kind="stable")[:wanted]:
+        other = int(weights[pair].argmax())
+        found.append(
+            Attended(
+                query=(first[pair], second[pair]),
+                example=(first[other], second[other]),
+                weight=float(weights[pair, other]),
+                share=float(of_pair[pair]),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.read import read_clip
+from actioncli.live.events import STRIDE, Event, Sighting, Spotter
+from actioncli.model.config import ModelConfig
+from actioncli.model.weights import Weights
+from actioncli.recognition.decision import Comparison
+from actioncli.recognition.recognizer import Recognizer
+from actioncli.recognition.threshold import Threshold
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+class Scripted(Spotter):
+    """Sees what it is told to see, so that hysteresis can be tested by itself."""
+
+    def __init__(self, tau: float = 0.5) -> None:
+        self.windows = (1.0,)
+        self._threshold = Threshold(tau, "", {"bow": 0.9})
+
+    def _sightings(self, clip: Clip | None, now: float) -> tuple[Sighting, ...]:
+        return self.script
+
+    def run(self, *looks: Sequence[tuple[str, float]]) -> list[Event]:
+        found = []
+        for n, look in enumerate(looks):
+            now = n * STRIDE
+            self.script = tuple(Sighting(label, sure, now - 1) for label, sure in look)
+            found += self.look(CLIP, now)
+        return found + self.finish()
+
+    def see(self, now: float, *sightings: Sighting) -> list[Event]:
+        self.script = sightings
+        return self.look(CLIP, now)
+
+
+CLIP = Clip(np.random.default_rng(0).random((5, 15, 3)), DEFAULT_JOINTS)
+NOTHING: list[tuple[str, float]] = []
+
+
+def test_one_performance_is_one_event() -> None:
+    wave = [("wave", 0.9)]
+    (event,) = Scripted().run(NOTHING, wave, wave, [("wave", 0.45)], wave, *[NOTHING] * 5)
+    assert event.label == "wave"
+    assert event.confidence == 0.9
+    assert event.start == pytest.approx(0.25 - 1)
+    assert event.end == pytest.approx(1.0)
+
+
+def test_a_single_look_is_no_event() -> None:
+    assert Scripted().run([("wave", 0.9)], NOTHING, [("wave", 0.9)], NOTHING) == []
+
+
+def test_the_threshold_counts() -> None:
+    assert Scripted(0.95).run(*[[("wave", 0.9)]] * 6) == []
+
+
+def test_a_rest_separates_two_performances() -> None:
+    wave = [("wave", 0.9)]
+    events = Scripted().run(wave, wave, *[NOTHING] * 4, wave, wave, wave)
+    assert [event.label for event in events] == ["wave", "wave"]
+    assert events[1].start >= events[0].end
+
+
+def test_another_action_ends_the_first() -> None:
+    wave, squat = [("wave", 0.9), ("squat", 0.2)], [("squat", 0.8), ("wave", 0.6)]
+    events = Scripted().run(wave, wave, wave, squat, squat, squat)
+    assert [event.label for event in events] == ["wave", "squat"]
+    assert events[1].start >= events[0].end
+
+
+def test_a_short_doubt_does_not_end_it() -> None:
+    wave, squat = [("wave", 0.9)], [("squat", 0.95), ("wave", 0.6)]
+    events = Scripted().run(wave, wave, squat, wave, wave)
+    assert [event.label for event in events] == ["wave"]
+
+
+def test_an_event_begins_with_the_second_look_in_a_row() -> None:
+    spotter = Scripted()
+    assert (spotter.current, spotter.finish()) == (None, [])
+    assert spotter.see(3.0, Sighting("wave", 0.8, 2.0)) == []
+    assert spotter.current is None
+    assert spotter.see(3.25, Sighting("wave", 0.7, 1.5), Sighting("squat", 0.6, 2.0)) == []
+    assert spotter.current == Event("wave", 1.5, 3.25, 0.8)
+    assert spotter.finish() == [Event("wave", 1.5, 3.25, 0.8)]
+    assert spotter.current is None
+
+
+def test_looks_at_different_actions_are_not_in_a_row() -> None:
+    wave, squat = [("wave", 0.9)], [("squat", 0.9)]
+    assert Scripted().run(wave, squat, wave, squat, NOTHING, wave, NOTHING, wave) == []
+
+
+def test_confidence_must_exceed_the_threshold_of_the_action() -> None:
+    assert Scripted().run(*[[("wave", 0.5)]] * 6) == []
+    assert Scripted().run(*[[("wave", 0.51)]] * 6) != []
+    assert Scripted().run(*[[("bow", 0.9)]] * 6) == []
+    assert Scripted().run(*[[("bow", 0.91)]] * 6) != []
+
+
+@pytest.mark.parametrize(("label", "tau"), [("wave", 0.5), ("bow", 0.9)])
+def test_an_event_ends_with_the_third_look_that_does_not_hold_it(label: str, tau: float) -> None:
+    spotter = Scripted()
+    high, low = Sighting(label, tau + 0.05, 0), Sighting(label, 0.8 * tau, 0)
+    holding = Sighting(label, 0.81 * tau, 0)
+    for look in range(5):
+        assert spotter.see(look, high) == []
+    # Every look that holds it starts the count anew, and the end is when it was held last.
+    looks = [low, holding, low, low, holding, Sighting(label, tau + 0.08, 0), low, low]
+    for look, seen in enumerate(looks, 5):
+        assert spotter.see(look, seen) == []
+    assert spotter.current == Event(label, 0, 10, tau + 0.08)
+    assert spotter.see(20, low) == [Event(label, 0, 10, tau + 0.08)]
+    assert spotter.current is None
+    # The next one begins after it, whatever its window says.
+    assert spotter.see(21, high) == []
+    assert spotter.see(22, high) == []
+    assert spotter.current == Event(label, 10, 22, tau + 0.05)
+
+
+def test_an_event_is_held_by_its_own_action_only() -> None:
+    spotter = Scripted()
+    wave, squat = Sighting("wave", 0.9, 0), Sighting("squat", 0.6, 0)
+    for look in range(3):
+        spotter.see(look, wave)
+    # Not the surest, but sure enough.
+    assert spotter.see(3, Sighting("bow", 0.89, 0), wave) == []
+    assert spotter.current == Event("wave", 0, 3, 0.9)
+    assert spotter.see(4, squat) == []
+    assert spotter.current == Event("wave", 0, 3, 0.9)
+    assert spotter.see(5, squat, wave) == [Event("wave", 0, 3, 0.9)]
+    assert spotter.current == Event("squat", 3, 5, 0.6)
+
+
+class OnALine(Recognizer):
+    """Clips and embeddings are places on a line, and the distance is how far apart they are."""
+
+    def compare(
+        self,
+        queries: Sequence[Clip] | FloatArray,
+        support: Mapping[str, Sequence[Clip] | FloatArray],
+    ) -> Comparison:
+        places = np.array([clip.joints[0, 0, 0] + clip.duration / 2 for clip in queries])
+        distance = abs(places[:, None] - np.array([each.mean() for each in support.values()]))
+        confidence = 1 / (1 + distance)
+        return Comparison(np.array(list(support)), distance, confidence, confidence)
+
+
+# Windows of 22, 32 and 45 frames between the first and the last.
+FPS, LENGTHS = 16, (1.4, 1.4 * 2**0.5, 2.8)
+LINE = OnALine(Weights(ModelConfig(), {}, {}, "", Path()))
+
+
+def until(now: float, frames: int = 160) -> Clip:
+    """Joints that are at x metres at x seconds; the middle of a window is its place."""
+    joints = np.zeros((frames, 1, 3))
+    joints[:, 0, 0] = now - np.arange(frames)[::-1] / FPS
+    return Clip(joints, ["nose"], FPS)
+
+
+def at(*places: float) -> FloatArray:
+    return np.array(places, np.float32).reshape(-1, 1, 1)
+
+
+def spot(actions: dict[str, float], *negatives: float, clip: Clip) -> tuple[Sighting, ...]:
+    support = {label: at(place) for label, place in actions.items()}
+    spotter = Spotter(LINE, support, Threshold(0.5, ""), [2.0], at(*negatives))
+    assert spotter.windows == pytest.approx(LENGTHS)
+    assert spotter.ranking == ()
+    spotter.look(clip, 10.0)
+    return spotter.ranking
+
+
+def test_a_look_tells_the_best_window_of_each_action_surest_first() -> None:
+    # The first and the second window are equally near to bowing, the third is a squat.
+    near = (22 + 32) / 4 / FPS
+    found = spot({"squat": 10 - 45 / 2 / FPS, "bow": 10 - near, "jump": 2.0}, clip=until(10))
+    assert [each.label for each in found] == ["squat", "bow"]
+    assert [each.start for each in found] == pytest.approx([10 - LENGTHS[2], 10 - LENGTHS[0]])
+    assert [each.confidence for each in found] == pytest.approx([1, 1 / (1 + 10 / 4 / FPS)])
+    # A little nearer to the second.
+    (bow,) = spot({"bow": 10 - near - 0.01}, clip=until(10))
+    assert bow.start == pytest.approx(10 - LENGTHS[1])
+
+
+def test_windows_are_looked_at_from_when_they_fit() -> None:
+    support = {"bow": 10.0, "squat": 8.0}
+    assert spot(support, clip=until(10, frames=22)) == ()
+    (bow,) = spot(support, clip=until(10, frames=23))
+    assert (bow.label, bow.start) == ("bow", pytest.approx(10 - LENGTHS[0]))
+    assert bow.confidence == pytest.approx(1 / (1 + 11 / FPS))
+
+
+def test_windows_without_motion_are_passed_over() -> None:
+    moving = until(10).joints.copy()
+    moving[-24:] = moving[-24]
+    (bow,) = spot({"bow": 0.0}, clip=Clip(moving, ["nose"], FPS))
+    assert bow.start == pytest.approx(10 - LENGTHS[2])
+
+
+def test_windows_that_are_nearest_to_a_negative_show_no_action() -> None:
+    first, last = 10 - 11 / FPS, 10 - 45 / 2 / FPS
+    found = spot({"bow": first + 0.1, "squat": last}, first, 0.0, clip=until(10))
+    assert [each.label for each in found] == ["squat"]
+
+
+def test_nobody_to_be_seen_is_nothing_to_be_found() -> None:
+    spotter = Spotter(LINE, {"bow": at(9.0)}, Threshold(0.1, ""), [2.0])
+    assert spotter.look(until(10), 10.0) == spotter.look(until(10.25), 10.25) == []
+    assert spotter.current is not None
+    assert [spotter.look(None, 10.5 + look) for look in range(2)] == [[], []]
+    assert spotter.ranking == ()
+    assert spotter.look(None, 13.0) != []
+
+
+def test_the_stream_is_kept_for_eight_seconds() -> None:
+    assert Spotter(LINE, {"bow": at(9.0)}, Threshold(0.5, ""), [600.0]).windows[-1] == 8
+
+
+def test_with_the_shipped_model() -> None:
+    """A squat between rests is found where it is, and nothing else is."""
+    recognizer = Recognizer()
+    squat = read_clip(EXAMPLES / "squat" / "ada.npz")
+    support = {
+        label: recognizer.embed([read_clip(EXAMPLES / label / "ada.npz")])
+        for label in ("squat", "jumping_jack", "kick_right")
+    }
+    fps = squat.fps
+    rest = round(1.5 * fps)
+    rng = np.random.default_rng(0)
+    still = [np.repeat(squat.joints[at : at + 1], rest, axis=0) for at in (0, -1)]
+    joints = np.concatenate([still[0], squat.joints, still[1]])
+    joints = joints + rng.normal(0, 1e-4, joints.shape)
+    spotter = Spotter(recognizer, support, Threshold(0.5, ""), [squat.duration])
+    events: list[Event] = []
+    for end in range(round(fps * STRIDE), len(joints), round(fps * STRIDE)):
+        clip = Clip(joints[max(0, end - round(6 * fps)) : end], squat.joint_names, fps)
+        events += spotter.look(clip, end / fps)
+    events += spotter.finish()
+    squats = [event for event in events if event.label == "squat"]
+    assert len(squats) == 1, events
+    assert squats[0].start < 1.5 + squat.duration
+    assert squats[0].end > 1.5

@@ -1,0 +1,115 @@
+"""The threshold that is kept in the support set."""
+
+import numpy as np
+import pytest
+
+from actioncli import Clip, Decision, StoreError, SupportStore
+from actioncli.recognition.decision import Ranked
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
+
+
+def decision(confidence: float, nearest_negative: float | None = None) -> Decision:
+    return Decision(
+        label="wave",
+        accepted=True,
+        confidence=confidence,
+        tau=0.0,
+        nearest="wave",
+        ranking=(Ranked("wave", 2.0, 1.0, confidence),),
+        nearest_negative=nearest_negative,
+    )
+
+
+@pytest.fixture
+def store(tmp_path: object) -> SupportStore:
+    return SupportStore(f"{tmp_path}/support.db")
+
+
+def test_it_is_kept_replaced_and_forgotten(store: SupportStore) -> None:
+    assert kept_threshold(store) is None
+    first = Threshold(0.625, "abc", {"a wave": 0.25, "ü": 1.0})
+    keep_threshold(store, first)
+    assert kept_threshold(store) == first
+    keep_threshold(store, Threshold(0.5, "def"))
+    assert kept_threshold(SupportStore(store.path)) == Threshold(0.5, "def", {})
+    keep_threshold(store, None)
+    assert kept_threshold(store) is None
+
+
+@pytest.mark.parametrize("tau", [0.0, 1.0])
+def test_the_extremes_are_thresholds(store: SupportStore, tau: float) -> None:
+    keep_threshold(store, Threshold(tau, "abc", {"wave": tau}))
+    assert kept_threshold(store) == Threshold(tau, "abc", {"wave": tau})
+
+
+def test_an_action_s_own_threshold_goes_with_its_name(store: SupportStore) -> None:
+    rng = np.random.default_rng(0)
+    for label in ("wave", "squat", "bow"):
+        store.enroll(label, Clip(rng.normal(size=(20, 1, 3)), ["left_wrist"], 30))
+    # `greet` was removed since it was measured.
+    keep_threshold(store, Threshold(0.5, "abc", {"wave": 0.9, "greet": 0.1, "bow": 0.7}))
+    for old, new, own in (
+        ("wave", "wave", {"wave": 0.9, "greet": 0.1, "bow": 0.7}),
+        ("wave", "greet", {"greet": 0.9, "bow": 0.7}),
+        ("squat", "stand", {"greet": 0.9, "bow": 0.7}),
+        ("greet", "wave", {"wave": 0.9, "bow": 0.7}),
+    ):
+        store.rename(old, new)
+        assert kept_threshold(store) == Threshold(0.5, "abc", own)
+    keep_threshold(store, Threshold(0.5, "abc", {"greet": 0.1}))
+    store.rename("wave", "greet")
+    assert kept_threshold(store) == Threshold(0.5, "abc")
+    assert store.check() == []
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"actions": [1]}', "[" * 100_000])
+def test_what_is_no_threshold_keeps_no_label_from_another_name(
+    store: SupportStore, text: str
+) -> None:
+    store.enroll("wave", Clip(np.random.default_rng(0).random((20, 1, 3)), ["left_wrist"], 30))
+    store.set_setting("threshold", text)
+    assert store.rename("wave", "greet") == 1
+    with pytest.raises(StoreError, match="damaged"):
+        kept_threshold(store)
+
+
+def test_forgetting_creates_no_store(store: SupportStore) -> None:
+    keep_threshold(store, None)
+    assert not store.path.exists()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "0.5",
+        "[]",
+        '{"tau": 0.5, "weights": "abc"}',
+        '{"tau": 2, "weights": "abc", "actions": {}}',
+        '{"tau": NaN, "weights": "abc", "actions": {}}',
+        '{"tau": 0.5, "weights": "abc", "actions": {"wave": "high"}}',
+        '{"tau": 0.5, "weights": "abc", "actions": [1]}',
+    ],
+)
+def test_a_damaged_one_is_told_and_can_be_forgotten(store: SupportStore, text: str) -> None:
+    store.set_setting("threshold", text)
+    with pytest.raises(StoreError, match=r"damaged; `actioncli calibrate --reset` forgets it\.$"):
+        kept_threshold(store)
+    keep_threshold(store, None)
+    assert kept_threshold(store) is None
+
+
+def test_a_decision_is_made_with_the_threshold_of_its_action() -> None:
+    threshold = Threshold(0.5, "abc", {"wave": 0.8})
+    assert (threshold.of("wave"), threshold.of("bow")) == (0.8, 0.5)
+    rejected = threshold.apply(decision(0.8))
+    assert (rejected.accepted, rejected.label, rejected.tau) == (False, None, 0.8)
+    accepted = threshold.apply(decision(0.81))
+    assert (accepted.accepted, accepted.label, accepted.tau) == (True, "wave", 0.8)
+    assert Threshold(0.5, "abc").apply(decision(0.8)).accepted
+
+
+def test_no_threshold_accepts_what_is_nearer_to_a_negative() -> None:
+    threshold = Threshold(0.1, "abc")
+    assert not threshold.apply(decision(0.9, nearest_negative=1.9)).accepted
+    assert threshold.apply(decision(0.9, nearest_negative=2.0)).accepted
