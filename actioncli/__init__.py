@@ -21,12 +21,14 @@ from actioncli.errors import (
 )
 
 if TYPE_CHECKING:
+    from actioncli.calibration.enrolment import enrol
     from actioncli.clips.clip import Clip
     from actioncli.clips.collection import Collection, read_collection
     from actioncli.clips.read import read_clip
     from actioncli.pose.video import read_video_clip
     from actioncli.recognition.decision import Comparison, Decision
     from actioncli.recognition.recognizer import Recognizer
+    from actioncli.recognition.support import SupportSet
     from actioncli.store.store import SupportStore
 
 __all__ = [
@@ -40,10 +42,12 @@ __all__ = [
     "Recognizer",
     "StoreError",
     "SupportError",
+    "SupportSet",
     "SupportStore",
     "UsageError",
     "WeightsError",
     "__version__",
+    "enrol",
     "read_clip",
     "read_collection",
     "read_video_clip",
@@ -58,7 +62,9 @@ _MODULE_OF = {
     "Comparison": "actioncli.recognition.decision",
     "Decision": "actioncli.recognition.decision",
     "Recognizer": "actioncli.recognition.recognizer",
+    "SupportSet": "actioncli.recognition.support",
     "SupportStore": "actioncli.store.store",
+    "enrol": "actioncli.calibration.enrolment",
 }
 
 
