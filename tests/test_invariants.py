@@ -17,7 +17,7 @@ from clips.bodies import write_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actioncli import Clip, ClipError, Recognizer, SupportStore, read_clip
+from actioncli import Clip, ClipError, Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
 from actioncli.recognition.decision import Comparison
@@ -202,7 +202,7 @@ def test_mirrored_twice_is_the_clip_itself(recognizer: Recognizer) -> None:
 
 def content(store: SupportStore, recognizer: Recognizer) -> dict[str, Any]:
     """All that a store holds but identifiers, which are never given twice, and times."""
-    kept = store.embeddings(recognizer.weights.checksum, recognizer.embed)
+    support = SupportSet.load(store, recognizer)
     return {
         "examples": [
             (each.label, each.negative, each.source, each.note, each.checksum, each.frames)
@@ -212,7 +212,8 @@ def content(store: SupportStore, recognizer: Recognizer) -> dict[str, Any]:
             label: [(clip.joints.tobytes(), clip.joint_names, clip.fps) for clip in clips]
             for label, clips in store.support().items()
         },
-        "embeddings": {label: embedding.tobytes() for label, embedding in kept.items()},
+        "embeddings": {label: each.tobytes() for label, each in support.actions.items()},
+        "negatives": support.negatives.tobytes(),
         "damage": store.check(),
     }
 
