@@ -1,15 +1,17 @@
 """Files and folders: outputs that appear whole, the lock on an output, where a user's own files
-and the shipped weights lie."""
+and the shipped weights lie, JSON of results."""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from actioncli.errors import ActionCliError, WeightsError
 
@@ -141,3 +143,18 @@ def output_lock(output: Path, command: str, error: type[ActionCliError]) -> Iter
         with contextlib.suppress(OSError):
             path.unlink()
         lock.release()
+
+
+def json_text(document: object, indent: int | None = 2) -> str:
+    """A document as JSON in ASCII: six significant digits, null for what is not finite."""
+    return json.dumps(_finite(document), indent=indent, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if math.isfinite(value) else None
+    return value

@@ -36,6 +36,10 @@ class Enrolled:
     added: bool
     warnings: tuple[str, ...] = ()
 
+    def to_json(self) -> dict[str, object]:
+        """As plain values, without the label."""
+        return {"example": self.example, "added": self.added, "warnings": list(self.warnings)}
+
 
 def enrol(
     store: SupportStore,

@@ -26,7 +26,7 @@ motions.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import nan, sqrt
 from typing import Any
 
@@ -76,6 +76,11 @@ class Rate:
             0.0 if self.count == 0 else max(0.0, middle - half),
             1.0 if self.count == self.of else min(1.0, middle + half),
         )
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values."""
+        low, high = self.interval
+        return {**asdict(self), "rate": self.rate, "low": low, "high": high}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,7 @@ from actioncli.cli.options import (
     checked_tau,
     file_options,
 )
-from actioncli.cli.output import note, number, plural, printable, progress, say, write_json
+from actioncli.cli.output import note, plural, printable, progress, say, write_json
 from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
@@ -140,12 +140,12 @@ def batch(
         write_json(
             {
                 "output": str(output),
-                "tau": number(task.support.threshold.tau),
+                "tau": task.support.threshold.tau,
                 "actions": len(task.support.actions),
                 "files": found["files"],
                 "done_before": before["done"],
                 **told,
-                "seconds": number(seconds),
+                "seconds": seconds,
             }
         )
     else:

@@ -10,7 +10,7 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.options import FileReading, WeightsOption
-from actioncli.cli.output import number, plural, printable, progress, say, table, write_json
+from actioncli.cli.output import plural, printable, progress, say, table, write_json
 from actioncli.cli.reading import Reading, named_clips, read_each, report_bad_clip, sharing
 from actioncli.errors import ClipError, UsageError
 
@@ -135,10 +135,10 @@ def calibrate(
             )
 
     document = {
-        "tau": number(found.tau),
+        "tau": found.tau,
         "measured": found.measured,
         "kept": found.measured and not dry_run,
-        "target_far": number(target_far),
+        "target_far": target_far,
         "weights": checksum,
         **_figures(trials, found),
         "notes": notes,
@@ -216,39 +216,27 @@ def _figures(trials: Trials, found: Recommendation) -> dict[str, object]:
     return {
         "table": [
             {
-                "tau": number(tau),
-                "false_accepts": _entry(accepts),
-                "false_rejects": _entry(rejects),
-                "misnamed": _entry(misnamed),
+                "tau": tau,
+                "false_accepts": accepts.to_json(),
+                "false_rejects": rejects.to_json(),
+                "misnamed": misnamed.to_json(),
             }
             for tau, accepts, rejects, misnamed in _rows(trials, found)
         ],
         "unknown": [
-            {"kind": kind, "false_accepts": _entry(trials.false_accepts(taus, kind))}
+            {"kind": kind, "false_accepts": trials.false_accepts(taus, kind).to_json()}
             for kind in trials.unknown
         ],
         "actions": [
             {
                 "label": label,
                 "examples": trials.examples[action],
-                "tau": number(taus[action]),
-                "false_accepts": _entry(trials.false_accepts(taus, action=action)),
-                "false_rejects": _entry(trials.false_rejects(taus, action)),
+                "tau": taus[action],
+                "false_accepts": trials.false_accepts(taus, action=action).to_json(),
+                "false_rejects": trials.false_rejects(taus, action).to_json(),
             }
             for action, label in enumerate(trials.labels)
         ],
-    }
-
-
-def _entry(rate: Rate) -> dict[str, object]:
-    low, high = rate.interval
-    return {
-        "count": rate.count,
-        "of": rate.of,
-        "motions": rate.motions,
-        "rate": number(rate.rate),
-        "low": number(low),
-        "high": number(high),
     }
 
 

@@ -24,7 +24,6 @@ from actioncli.cli.options import (
 )
 from actioncli.cli.output import (
     error_entry,
-    number,
     printable,
     progress,
     say,
@@ -160,14 +159,15 @@ def classify(
             explain_decision(settings, recognizer, clip, decision, explain)
         rejected += not decision.accepted
         if settings.json:
-            entries.append(_entry(str(path), decision, top, milliseconds))
+            told = {"source": str(path), "ms": milliseconds}
+            entries.append({**told, **decision.to_json(top)})
         else:
             tell_notes(settings, path, decision.notes)
             _print(str(path), decision, 0 if settings.quiet else top, milliseconds)
     if settings.json:
         write_json(
             {
-                "tau": number(support.threshold.tau),
+                "tau": support.threshold.tau,
                 "actions": len(support.actions),
                 "clips": entries,
                 "accepted": len(entries) - rejected - failed,
@@ -237,34 +237,6 @@ def _decided(
             outcomes, milliseconds = next(results)
             for path, outcome in zip(batch, outcomes, strict=True):
                 yield path, outcome, milliseconds
-
-
-def _entry(source: str, decision: Decision, top: int, milliseconds: float) -> dict[str, object]:
-    return {
-        "source": source,
-        "label": decision.label,
-        "accepted": decision.accepted,
-        "confidence": number(decision.confidence),
-        "tau": number(decision.tau),
-        "nearest": decision.nearest,
-        "nearest_negative": (
-            None if decision.nearest_negative is None else number(decision.nearest_negative)
-        ),
-        "ranking": [
-            {
-                "label": ranked.label,
-                "distance": number(ranked.distance),
-                "probability": number(ranked.probability),
-                "confidence": number(ranked.confidence),
-            }
-            for ranked in decision.ranking[:top]
-        ],
-        "part": None
-        if decision.part is None
-        else dict(zip(("start", "end"), map(number, decision.part), strict=True)),
-        "ms": number(milliseconds),
-        "notes": list(decision.notes),
-    }
 
 
 def _print(source: str, decision: Decision, top: int, milliseconds: float) -> None:

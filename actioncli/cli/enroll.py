@@ -11,7 +11,7 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.options import ClipReading, WeightsOption, complete_label
-from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
+from actioncli.cli.output import error_entry, plural, printable, say, write_json
 from actioncli.cli.reading import named_clips, or_error, read_each, report_bad_clip, sharing
 from actioncli.errors import ClipError, UsageError, WeightsError
 from actioncli.store.names import NEGATIVES
@@ -141,12 +141,10 @@ def enroll(
         entries.append(
             {
                 "source": str(path),
-                "example": one.example,
-                "added": one.added,
+                **one.to_json(),
                 "frames": len(clip_or_error),
-                "seconds": number(clip_or_error.duration),
+                "seconds": clip_or_error.duration,
                 "notes": list(clip_or_error.notes),
-                "warnings": list(one.warnings),
             }
         )
         if not (settings.json or settings.quiet):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,9 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_place, tell_notes
 from actioncli.cli.figures import say_acceptance, say_figures
 from actioncli.cli.options import WeightsOption, checked_tau
-from actioncli.cli.output import number, printable, progress, say, steps, write_json
+from actioncli.cli.output import printable, progress, say, steps, write_json
 from actioncli.errors import UsageError
+from actioncli.files import json_text
 
 if TYPE_CHECKING:
     from actioncli.clips.collection import Collection
@@ -244,14 +244,11 @@ class Run:
 
     def document(self) -> dict[str, Any]:
         """As JSON has it, without the other scorers."""
-        document: dict[str, Any] = _finite(
-            {
-                **self.found.as_json(),
-                "weights": self.weights,
-                "acceptance": [each.as_json() for each in self.acceptance],
-            }
-        )
-        return document
+        return {
+            **self.found.as_json(),
+            "weights": self.weights,
+            "acceptance": [each.as_json() for each in self.acceptance],
+        }
 
 
 def _numbers(ways: str | None) -> tuple[int, ...]:
@@ -269,7 +266,7 @@ def _write_document(file: Path, document: Mapping[str, object]) -> None:
 
     try:
         with replacing(file) as part:
-            part.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+            part.write_text(json_text(document) + "\n", encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{file}: cannot be written: {error.strerror}.") from error
 
@@ -315,12 +312,3 @@ def _scorer(
             raise UsageError("dtw-cohort takes its cohort from the train classes of --splits FILE.")
         cohort = baselines.cohort_clips(read, parts)
     return baselines.Dtw(recognizer.weights.config.preparation, cohort), checksum
-
-
-def _finite(value: Any) -> Any:
-    """A document with its numbers as JSON takes them; see `number`."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_finite(each) for each in value]
-    return number(value) if isinstance(value, float) else value

@@ -11,7 +11,7 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_place, tell_notes
 from actioncli.cli.options import VideoReading
-from actioncli.cli.output import error_entry, number, plural, printable, say, write_json
+from actioncli.cli.output import error_entry, plural, printable, say, write_json
 from actioncli.cli.reading import read_each, report_bad_clip, sharing
 from actioncli.cli.video import video_progress
 from actioncli.errors import ClipError, UsageError
@@ -98,8 +98,8 @@ def extract(
                 "source": str(path),
                 "file": str(target),
                 "frames": len(clip),
-                "fps": number(clip.fps),
-                "seconds": number(clip.duration),
+                "fps": clip.fps,
+                "seconds": clip.duration,
                 "notes": list(clip.notes),
             }
         )

@@ -6,8 +6,6 @@ rich is imported only when a progress bar is drawn: importing it takes longer th
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import sys
 import time
 import unicodedata
@@ -17,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 import typer
 
 from actioncli.errors import ActionCliError
+from actioncli.files import json_text
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -71,17 +70,11 @@ def _write(line: str, err: bool) -> None:
 
 
 def write_json(document: object) -> None:
-    """Write one JSON document to standard output.
+    """Write one JSON document to standard output, as `json_text` has it.
 
-    Only ASCII is written, so that nothing in a label reaches the terminal raw. Numbers must be
-    finite Python numbers: see `number`.
+    Only ASCII is written, so that nothing in a label reaches the terminal raw.
     """
-    say(json.dumps(document, indent=2, allow_nan=False))
-
-
-def number(value: float) -> float | None:
-    """`value` with six significant digits, or None (JSON's null) where it is not finite."""
-    return float(f"{value:.6g}") if math.isfinite(value) else None
+    say(json_text(document))
 
 
 def error_entry(error: BaseException, exit_code: int) -> dict[str, object]:

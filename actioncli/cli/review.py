@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.output import note, number, plural, printable, say, write_json
+from actioncli.cli.output import note, plural, printable, say, write_json
 from actioncli.cli.studio import OpenOption, PortOption, review_page
 from actioncli.cli.support import draw
 from actioncli.errors import ClipError, UsageError
@@ -164,10 +164,10 @@ def _entry(kept: Kept) -> dict[str, object]:
     return {
         "file": str(kept.file),
         "label": kept.label,
-        "confidence": number(kept.confidence),
-        "tau": number(kept.tau),
+        "confidence": kept.confidence,
+        "tau": kept.tau,
         "event": kept.event,
-        "start": number(kept.start),
-        "end": number(kept.end),
+        "start": kept.start,
+        "end": kept.end,
         "source": kept.source,
     }

@@ -12,7 +12,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.options import complete_label
-from actioncli.cli.output import number, plural, printable, progress, say, table, write_json
+from actioncli.cli.output import plural, printable, progress, say, table, write_json
 from actioncli.errors import SupportError, UsageError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def list_support(settings: Settings) -> None:
                         "label": action.label,
                         "negative": action.negative,
                         "examples": action.examples,
-                        "seconds": number(action.seconds),
+                        "seconds": action.seconds,
                         "last_added": action.last_added,
                     }
                     for action in actions
@@ -150,8 +150,8 @@ def show(
                         "source": each.source,
                         "frames": each.frames,
                         "joints": each.joints,
-                        "fps": number(each.fps),
-                        "seconds": number(length),
+                        "fps": each.fps,
+                        "seconds": length,
                         "added": each.added,
                         "note": each.note,
                         "checksum": each.checksum,

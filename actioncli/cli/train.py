@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.output import note, number, printable, progress, say, write_json
+from actioncli.cli.output import note, printable, progress, say, write_json
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -124,8 +124,8 @@ def train(
                 "seed": seed,
                 "steps": chosen.steps,
                 "best_step": best["step"],
-                "seconds": number(seconds),
-                "validation": {key: number(value) for key, value in best.items()},
+                "seconds": seconds,
+                "validation": best,
             }
         )
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shlex
 import shutil
@@ -20,8 +19,9 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
 from actioncli.cli.options import QualityOption, TauOption, WeightsOption, checked_quality
-from actioncli.cli.output import note, number, printable, say
+from actioncli.cli.output import note, printable, say
 from actioncli.errors import ClipError, UsageError
+from actioncli.files import json_text
 
 if TYPE_CHECKING:
     from actioncli.live.events import Event, Spotter
@@ -190,13 +190,7 @@ def _frames(source: str) -> Iterator[tuple[Iterator[Frame], VideoFile | LiveSour
 
 def _tell(settings: Settings, event: Event) -> None:
     if settings.json:
-        entry = {
-            "label": event.label,
-            "start": number(event.start),
-            "end": number(event.end),
-            "confidence": number(event.confidence),
-        }
-        say(json.dumps(entry, allow_nan=False))
+        say(json_text(event.to_json(), indent=None))
     else:
         say(
             f"{event.start:8.1f} s  to {event.end:8.1f} s  {printable(event.label)}  "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,10 @@ class Event:
     start: float
     end: float
     confidence: float
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

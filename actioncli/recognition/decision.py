@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,10 @@ class Ranked:
     probability: float
     confidence: float
 
+    def to_json(self) -> dict[str, object]:
+        """As plain values."""
+        return asdict(self)
+
 
 @dataclass(frozen=True, slots=True)
 class Decision:
@@ -74,6 +78,21 @@ class Decision:
     def negative_is_nearer(self) -> bool:
         """Whether a negative is nearer than the nearest action, which rejects at any tau."""
         return _is_nearer(self.nearest_negative, self.ranking[0])
+
+    def to_json(self, top: int | None = None) -> dict[str, object]:
+        """As plain values, with the `top` nearest actions; None for all."""
+        part = self.part
+        return {
+            "label": self.label,
+            "accepted": self.accepted,
+            "confidence": self.confidence,
+            "tau": self.tau,
+            "nearest": self.nearest,
+            "nearest_negative": self.nearest_negative,
+            "ranking": [ranked.to_json() for ranked in self.ranking[:top]],
+            "part": None if part is None else {"start": part[0], "end": part[1]},
+            "notes": list(self.notes),
+        }
 
 
 def decide(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from actioncli.evaluation.acceptance import Acceptance
 from actioncli.evaluation.confusions import Confusion
 from actioncli.evaluation.curves import Pool, curves, histogram
 from actioncli.evaluation.result import CLASSES_FOR_MEAN, METRICS, Answers, Evaluation, Result
-from actioncli.files import replacing
+from actioncli.files import json_text, replacing
 
 Row = dict[str, Any]
 
@@ -48,14 +47,14 @@ def write_folder(
     Args:
         folder: made if it is not there.
         page: HTML.
-        document: becomes `figures.json`; its numbers must be finite.
+        document: becomes `figures.json`; its numbers as `json_text` has them.
         rows: for each name the rows of a CSV file.
 
     Raises:
         UsageError: as `check_folder`, or the files cannot be written.
     """
     check_folder(folder)
-    text = json.dumps(document, indent=1, allow_nan=False)
+    text = json_text(document, indent=1)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # The folder may be shared: what lies there under these names is replaced, links too.

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actioncli.cli.output import number, plural, printable, progress, steps, table, write_json
+from actioncli.cli.output import plural, printable, progress, steps, table, write_json
+from actioncli.files import json_text
 
 
 @given(st.text(alphabet=st.characters(categories=["C", "Z", "L", "M"])))
@@ -37,10 +38,11 @@ def test_table_without_rows_is_its_header() -> None:
 
 
 def test_numbers_in_json_are_short_and_finite() -> None:
-    assert number(0.123456789) == 0.123457
-    assert number(1234567.0) == 1234570.0
-    assert number(float("nan")) is None
-    assert number(float("inf")) is None
+    values = {"a": [0.123456789, 1234567.0, 1234567], "b": (float("nan"), {"c": float("inf")})}
+    assert json.loads(json_text(values)) == {
+        "a": [0.123457, 1234570.0, 1234567],
+        "b": [None, {"c": None}],
+    }
 
 
 def test_json_is_ascii(capsys: pytest.CaptureFixture[str]) -> None:
