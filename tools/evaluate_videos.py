@@ -27,8 +27,8 @@ from actioncli.live.stream import PoseStream, file_frames
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.region import Image
 from actioncli.pose.video import read_video_clip
-from actioncli.recognition.recognizer import DEFAULT_TAU, Recognizer
-from actioncli.recognition.threshold import Threshold
+from actioncli.recognition.recognizer import Recognizer
+from actioncli.recognition.threshold import DEFAULT_TAU, Threshold
 
 # The joined video: size, frame rate, and seconds that a clip may take of it.
 SIZE, FPS, LONGEST = (640, 480), 25, 8.0

@@ -33,7 +33,8 @@ from actioncli.evaluation.metrics import (
     oscr,
 )
 from actioncli.evaluation.splits import Split, read_splits
-from actioncli.recognition.recognizer import DEFAULT_TAU, Recognizer
+from actioncli.recognition.recognizer import Recognizer
+from actioncli.recognition.threshold import DEFAULT_TAU
 from actioncli.recognition.windows import CHANCES, windows
 
 WAYS = 5

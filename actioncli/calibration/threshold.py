@@ -9,7 +9,7 @@ from math import ceil, floor
 import numpy as np
 
 from actioncli.calibration.trials import KINDS, Queries, Trials
-from actioncli.recognition.recognizer import DEFAULT_TAU
+from actioncli.recognition.threshold import DEFAULT_TAU
 
 # Thresholds of the table; its resolution is that of what people would choose by hand.
 TAUS = tuple(step / 20 for step in range(1, 20))

@@ -162,8 +162,7 @@ def calibrate(
 
 
 def _forget(settings: Settings) -> None:
-    from actioncli.recognition.recognizer import DEFAULT_TAU
-    from actioncli.recognition.threshold import keep_threshold
+    from actioncli.recognition.threshold import DEFAULT_TAU, keep_threshold
 
     with settings.open_store() as store:
         keep_threshold(store, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import time
@@ -101,7 +102,6 @@ def classify(
     # matrices are small. Read when numpy is imported.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from actioncli.recognition.recognizer import Recognizer
-    from actioncli.recognition.windows import most_windows
 
     if tau is not None:
         checked_tau(tau)
@@ -114,7 +114,6 @@ def classify(
         support = load_support(settings, store, recognizer, tau)
     # Where --start or --end name the part, no other is looked for.
     cut_out = reading.start is not None or reading.end is not None
-    durations = () if cut_out else support.durations.values()
 
     entries: list[dict[str, object]] = []
     failed = rejected = 0
@@ -124,12 +123,7 @@ def classify(
     def decide(clips: Sequence[Clip]) -> list[Decision]:
         # One clip can last hours; of many, their number shows how far the work is.
         with steps(shown=len(paths) == 1 and not settings.quiet) as step:
-            most = sum(1 + most_windows(clip, durations) for clip in clips) if step else 0
-
-            def compared(done: int) -> None:
-                if step is not None:
-                    step("Comparing", done, most)
-
+            compared = None if step is None else functools.partial(step, "Comparing")
             return support.classify_all(clips, cut_out, compared)
 
     seen: dict[Path, Poses] = {}

@@ -1,13 +1,15 @@
-"""What is said of a query: how it compares with every action, and the decision that follows."""
+"""Comparison and decision types, and the rule that makes a decision of a comparison."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
+from actioncli.recognition.threshold import Threshold
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +47,7 @@ class Ranked:
         return asdict(self)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Decision:
     """What a clip shows.
 
@@ -53,7 +55,7 @@ class Decision:
         label: the recognised action, or None where the clip is rejected.
         accepted: confidence > tau, and no negative is nearer than the nearest action.
         confidence: that the clip shows the nearest action, in [0, 1].
-        tau: the threshold that was used.
+        tau: the threshold of the nearest action.
         nearest: the nearest enrolled action, accepted or not.
         ranking: all enrolled actions, nearest first.
         notes: what reading the clip decided on the way, which part of it is meant, and whether
@@ -79,6 +81,32 @@ class Decision:
         """Whether a negative is nearer than the nearest action, which rejects at any tau."""
         return _is_nearer(self.nearest_negative, self.ranking[0])
 
+    @property
+    def comparison(self) -> str:
+        """`confidence 0.93 > tau 0.50`, as people are told it."""
+        sign = ">" if self.confidence > self.tau else "<="
+        return f"confidence {self.confidence:.2f} {sign} tau {self.tau:.2f}"
+
+    def __repr__(self) -> str:
+        verdict = f"rejected, nearest {self.nearest}"
+        if self.accepted:
+            verdict = f"{self.label}, accepted"
+        negative = ", but a negative is nearer" if self.negative_is_nearer else ""
+        return f"Decision({verdict}, {self.comparison}{negative})"
+
+    def _repr_html_(self) -> str:
+        """For a notebook: the verdict, and the five nearest actions, whose confidence is a bar
+        beside a mark at tau."""
+        box = "position:relative;width:10em;height:1em;background:#8883"
+        rows = "".join(
+            f'<tr><td style="text-align:left">{escape(ranked.label)}</td><td><div style="{box}">'
+            f'<div style="width:{ranked.confidence:.1%};height:100%;background:#38c"></div>'
+            f'<div style="position:absolute;left:{self.tau:.1%};top:0;height:100%;'
+            f'border-left:2px solid #e70"></div></div></td><td>{ranked.confidence:.2f}</td></tr>'
+            for ranked in self.ranking[:5]
+        )
+        return f"<table><caption>{escape(repr(self)[9:-1])}</caption>{rows}</table>"
+
     def to_json(self, top: int | None = None) -> dict[str, object]:
         """As plain values, with the `top` nearest actions; None for all."""
         part = self.part
@@ -98,32 +126,33 @@ class Decision:
 def decide(
     comparison: Comparison,
     row: int,
-    tau: float,
+    threshold: Threshold,
     negative: float | None = None,
     notes: tuple[str, ...] = (),
     part: tuple[float, float] | None = None,
 ) -> Decision:
-    """Accept or reject.
+    """Accept or reject the nearest action, by its threshold and the nearest negative.
 
     Args:
         comparison: of queries with the enrolled actions.
         row: the query that is decided about.
-        tau: accept where the confidence is above it.
+        threshold: what confidence must exceed.
         negative: distance to the nearest negative.
         notes, part: as in `Decision`.
     """
-    order = np.lexsort((comparison.distance[row],))  # stable
+    order = np.argsort(comparison.distance[row], kind="stable")
     measured = (comparison.distance, comparison.probability, comparison.confidence)
     columns = [values[row, order].tolist() for values in measured]
     ranking = tuple(map(Ranked, comparison.labels[order].tolist(), *columns))
     nearest = ranking[0]
-    shadowed = _is_nearer(negative, nearest)
-    if shadowed:
+    tau = threshold.of(nearest.label)
+    negative_is_nearer = _is_nearer(negative, nearest)
+    if negative_is_nearer:
         notes += (
             f"nearer to a negative (distance {negative:.2f}) than to {nearest.label!r} "
             f"({nearest.distance:.2f})",
         )
-    accepted = nearest.confidence > tau and not shadowed
+    accepted = nearest.confidence > tau and not negative_is_nearer
     return Decision(
         label=nearest.label if accepted else None,
         accepted=accepted,

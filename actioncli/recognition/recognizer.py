@@ -1,14 +1,14 @@
 """The face of the library: clips in, decisions out.
 
-One clip's way: `prepare` → `trx_os.embed` → `compare` with each enrolled action → `decide`.
+One clip's way: `prepare` → `embed` → `compare` with each enrolled action → `decide`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import chain
+from itertools import chain, groupby, repeat
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,15 +20,23 @@ from actioncli.model import compare
 from actioncli.model.embedding import embed
 from actioncli.model.weights import Weights, read_weights
 from actioncli.recognition.decision import Comparison, Decision, decide
-from actioncli.recognition.windows import odds_factor, windows
+from actioncli.recognition.threshold import DEFAULT_TAU, Threshold
+from actioncli.recognition.windows import mean_durations, most_windows, odds_factor, windows
 
-DEFAULT_TAU = 0.5
 # Clips and windows that are embedded and compared at a time, and their frames: each clip takes a
 # quarter of a megabyte, and another one for every thousand frames.
 _AT_ONCE, _FRAMES_AT_ONCE = 256, 2**15
 
-# When a part of a clip begins and ends, seconds of its source.
-_Span = tuple[float, float]
+
+class _Row(NamedTuple):
+    """A clip or a window of it beside K actions; the last three, (K,), as in `Comparison`."""
+
+    clip: int
+    span: tuple[float, float] | None
+    whole: FloatArray | None
+    distance: FloatArray
+    confidence: FloatArray
+    probability: FloatArray
 
 
 class Recognizer:
@@ -50,8 +58,12 @@ class Recognizer:
         cohort = self.weights.tensors.get("cohort")
         return self.embed([]) if cohort is None else cohort
 
-    def embed(self, clips: Sequence[Clip]) -> FloatArray:
+    def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
         """What comparison needs of each clip.
+
+        Args:
+            clips: N of them.
+            queries: leave out what only examples need.
 
         Returns:
             (N, F, E) float32.
@@ -59,10 +71,6 @@ class Recognizer:
         Raises:
             ClipError: a clip lacks joints that the model reads.
         """
-        return self._embed(clips)
-
-    def _embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
-        """Without what only examples need, if all clips are queries."""
         config = self.weights.config
         frames = prepare_all(clips, config.preparation)
         return embed(self.weights.tensors, config, frames, queries)
@@ -84,7 +92,7 @@ class Recognizer:
         """
         if not support:
             raise SupportError("the support set is empty; enrol an action first.")
-        query = queries if isinstance(queries, np.ndarray) else self._embed(queries, queries=True)
+        query = queries if isinstance(queries, np.ndarray) else self.embed(queries, queries=True)
         examples = {label: self._embedded(clips) for label, clips in support.items()}
         for label, embedding in examples.items():
             if not len(embedding):
@@ -109,7 +117,7 @@ class Recognizer:
         self,
         clip: Clip | FloatArray,
         support: Mapping[str, Sequence[Clip] | FloatArray],
-        tau: float = DEFAULT_TAU,
+        tau: float | Threshold = DEFAULT_TAU,
         negatives: Sequence[Clip] | FloatArray | None = None,
         durations: Iterable[float] | None = None,
     ) -> Decision:
@@ -123,17 +131,17 @@ class Recognizer:
         Args:
             clip: the query, or its embedding (F, E).
             support: as in `compare`.
-            tau: accept where the confidence is above it.
+            tau: accept where the confidence is above it; or thresholds of single actions.
             negatives: what must never be accepted, N clips or embeddings (N, F, E), each an
                 action of its own: a query that is nearer to one of them than to every enrolled
                 action is rejected, whatever its confidence. Of a long clip, windows that are
                 nearer to a negative are left out; if a negative's confidence in the whole clip
                 is above tau, no window is looked at.
-            durations: of the enrolled examples, seconds, for support that is given as
-                embeddings; of clips they are known. () compares the clip as a whole, as does
-                None where no example is a clip.
+            durations: mean duration of each action's examples, seconds; None takes them from
+                the actions that are given as clips. () compares the clip as a whole.
 
         Raises:
+            ClipError: a clip lacks joints that the model reads.
             SupportError: no action, or an action without examples.
         """
         clips = [clip] if isinstance(clip, Clip) else np.asarray(clip)[None]
@@ -143,164 +151,138 @@ class Recognizer:
         self,
         clips: Sequence[Clip] | FloatArray,
         support: Mapping[str, Sequence[Clip] | FloatArray],
-        tau: float = DEFAULT_TAU,
+        tau: float | Threshold = DEFAULT_TAU,
         negatives: Sequence[Clip] | FloatArray | None = None,
         durations: Iterable[float] | None = None,
-        progress: Callable[[int], None] | None = None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> list[Decision]:
         """`classify` for each of many clips; together they take a fraction of the time.
 
         Args:
             clips: N queries, or their embeddings (N, F, E); the rest is as in `classify`.
-            progress: called now and then with how many clips, and windows of them (at most
-                `actioncli.recognition.windows.most_windows`), have been compared.
+            progress: called now and then with how many clips and windows of them have been
+                compared, and how many there are at most.
 
         Returns:
             N decisions.
 
         Raises:
-            ClipError: a clip lacks joints that the model reads.
-            SupportError: no action, or an action without examples.
+            ClipError, SupportError: as `classify`.
         """
         if not len(clips):
             return []
-        examples = {label: self._embedded(of_action) for label, of_action in support.items()}
-        lasting = tuple(_durations(support) if durations is None else durations)
-        if isinstance(clips, np.ndarray):
-            wholes, comparison = list(clips), self.compare(clips, examples)
-            spans: list[list[_Span]] = [[] for _ in clips]
-        else:
-            wholes, comparison, spans = self._compare_parts(clips, lasting, examples, progress)
-        # Once for all clips.
-        kept = None if negatives is None or not len(negatives) else self._embedded(negatives)
-        decisions, end = [], 0
-        for number, clip in enumerate(clips):
-            start, end = end, end + max(len(spans[number]), 1)
-            rows = replace(
-                comparison,
-                distance=comparison.distance[start:end],
-                confidence=comparison.confidence[start:end],
-                probability=comparison.probability[start:end],
-            )
-            decisions.append(self._decide(clip, wholes[number], spans[number], rows, tau, kept))
+        if durations is None:
+            durations = mean_durations(
+                (label, example.duration)
+                for label, examples in support.items()
+                if not isinstance(examples, np.ndarray)
+                for example in examples
+            ).values()
+        threshold = tau if isinstance(tau, Threshold) else Threshold(tau, self.weights.checksum)
+        actions = {label: self._embedded(examples) for label, examples in support.items()}
+        apart = self._embedded(() if negatives is None else negatives)
+        kept = {str(n): apart[n : n + 1] for n in range(len(apart))}
+        labels = np.array(list(actions))
+        rows = self._compared(clips, tuple(durations), actions, progress)
+        decisions = []
+        for number, of_clip in groupby(rows, key=lambda row: row.clip):
+            _, spans, (whole, *_), *measured = zip(*of_clip, strict=True)
+            comparison = Comparison(labels, *map(np.stack, measured))
+            decisions.append(self._decide(clips[number], whole, spans, comparison, threshold, kept))
         return decisions
 
-    def _compare_parts(
+    def _compared(
         self,
-        clips: Sequence[Clip],
+        clips: Sequence[Clip] | FloatArray,
         durations: Sequence[float],
-        examples: Mapping[str, FloatArray],
-        progress: Callable[[int], None] | None,
-    ) -> tuple[list[FloatArray], Comparison, list[list[_Span]]]:
-        """Compare each clip, and after it its windows, so many at a time that memory does not grow
-        with their number.
-
-        Returns:
-            Embeddings of the whole clips; the comparison of all; and of each clip, when it and its
-            windows begin and end.
-        """
-        spans: list[list[_Span]] = [[] for _ in clips]
+        actions: Mapping[str, FloatArray],
+        progress: Callable[[int, int], None] | None,
+    ) -> Iterator[_Row]:
+        """Each clip, and after it its windows, compared so many at a time that memory does not
+        grow with their number."""
+        if isinstance(clips, np.ndarray):
+            found = self.compare(clips, actions)
+            measured = found.distance, found.confidence, found.probability
+            yield from map(_Row, range(len(clips)), repeat(None), clips, *measured)
+            return
         parts = (
             (number, part)
             for number, clip in enumerate(clips)
             for part in chain([clip], windows(clip, durations))
         )
-        wholes, found, done = [], [], 0
+        most = sum(1 + most_windows(clip, durations) for clip in clips) if progress else 0
+        done, last = 0, -1
         for block in _blocks(parts):
-            embedded = self._embed([part for _, part in block], queries=True)
-            found.append(self.compare(embedded, examples))
+            embedded = self.embed([part for _, part in block], queries=True)
+            found = self.compare(embedded, actions)
             for at, (number, part) in enumerate(block):
-                if not spans[number]:
-                    wholes.append(embedded[at].copy())  # not the whole block
-                spans[number].append((part.start, part.start + part.duration))
+                yield _Row(
+                    number,
+                    (part.start, part.start + part.duration),
+                    # A copy, which keeps none of the block; of ten thousand windows none are kept.
+                    None if number == last else embedded[at].copy(),
+                    found.distance[at],
+                    found.confidence[at],
+                    found.probability[at],
+                )
+                last = number
             done += len(block)
             if progress:
-                progress(done)
-        comparison = Comparison(
-            labels=found[0].labels,
-            distance=np.concatenate([each.distance for each in found]),
-            confidence=np.concatenate([each.confidence for each in found]),
-            probability=np.concatenate([each.probability for each in found]),
-        )
-        return wholes, comparison, spans
+                progress(done, most)
 
     def _decide(
         self,
         clip: Clip | FloatArray,
         whole: FloatArray,
-        spans: Sequence[_Span],
+        spans: Sequence[tuple[float, float] | None],
         comparison: Comparison,
-        tau: float,
-        negatives: FloatArray | None,
+        threshold: Threshold,
+        negatives: Mapping[str, FloatArray],
     ) -> Decision:
-        """What the comparison of one clip, in its first row, and of its windows shows."""
+        """Choose between a clip, in the first row, and its windows, and decide about that part."""
+        odds = np.float32(odds_factor(len(spans) - 1))
+        factor = odds if self.weights.config.warp_width else np.float32(1)
+        distance, confidence = comparison.distance, comparison.confidence
+        confidence[1:] /= confidence[1:] + (1 - confidence[1:]) * odds
+        distance[1:] *= factor
+        surest = confidence[np.arange(len(spans)), distance.argmin(axis=1)]
 
-        def embedded(row: int) -> FloatArray:
-            if not (row and isinstance(clip, Clip)):
-                return whole[np.newaxis]
-            # Of ten thousand windows few are asked for: they are not kept.
-            begin, end = (time - clip.start for time in spans[row])
-            return self.embed([cut(clip, begin, end)])
+        def beside_negatives(row: int) -> tuple[bool, float, float]:
+            """Whether the nearest negative is nearer than every action, its distance and its
+            confidence."""
+            span = spans[row]
+            if row and span and isinstance(clip, Clip):
+                start, end = (time - clip.start for time in span)
+                embedded = self.embed([cut(clip, start, end)], queries=True)
+            else:
+                embedded = whole[np.newaxis]
+            apart = self.compare(embedded, negatives)
+            at = apart.distance[0].argmin()
+            away = apart.distance[0, at] * (factor if row else 1)
+            nearer = bool(away < distance[row].min())
+            return nearer, float(away), float(apart.confidence[0, at])
 
-        odds = odds_factor(len(spans) - 1)
-        comparison = self._less_likely(comparison, odds)
-        row, negative = self._surest(embedded, comparison, negatives, odds, tau)
+        order = np.argsort(-surest, kind="stable").tolist()
+        row, negative = order[0], None
+        if negatives:
+            # A clip that shows a negative is rejected as a whole; a window like one is left out.
+            first = beside_negatives(0)
+            nearer, negative, confidence_of_whole = first
+            row = 0
+            if not nearer or confidence_of_whole <= threshold.tau:
+                for each in order:
+                    nearer, away, _ = beside_negatives(each) if each else first
+                    if not nearer:
+                        row, negative = each, away
+                        break
         notes = clip.notes if isinstance(clip, Clip) else ()
-        part = spans[row] if spans else None
-        if part and row:
+        part = spans[row]
+        if row and part:
+            start, end = part
             notes += (
-                f"matched {part[0]:.1f} s to {part[1]:.1f} s, the surest of "
-                f"{len(spans) - 1} windows",
+                f"matched {start:.1f} s to {end:.1f} s, the surest of {len(spans) - 1} windows",
             )
-        return decide(comparison, row, tau, negative, notes, part)
-
-    def _less_likely(self, comparison: Comparison, odds: float) -> Comparison:
-        """The comparison of a whole clip, in the first row, and its windows, whose odds against a
-        match are multiplied."""
-        confidence, distance = comparison.confidence.copy(), comparison.distance.copy()
-        confidence[1:] /= confidence[1:] + (1 - confidence[1:]) * np.float32(odds)
-        if self.weights.config.warp_width:
-            distance[1:] *= np.float32(odds)
-        return replace(comparison, confidence=confidence, distance=distance)
-
-    def _surest(
-        self,
-        embedded: Callable[[int], FloatArray],
-        comparison: Comparison,
-        negatives: FloatArray | None,
-        odds: float,
-        tau: float,
-    ) -> tuple[int, float | None]:
-        """The row that decides, and its distance to the nearest negative, if there are any."""
-        nearest = comparison.distance.argmin(axis=1)
-        confidence = comparison.confidence[np.arange(len(nearest)), nearest]
-        order = np.lexsort((-confidence,)).tolist()  # stable
-        if negatives is None:
-            return order[0], None
-        kept = {str(n): negatives[n : n + 1] for n in range(len(negatives))}
-
-        def like_negative(row: int) -> tuple[bool, float, float]:
-            """Whether a negative is nearest, its distance and confidence."""
-            apart = self.compare(embedded(row), kept)
-            nearest = int(apart.distance[0].argmin())
-            away = apart.distance[0, nearest]
-            if row and self.weights.config.warp_width:
-                away *= np.float32(odds)  # rounded like the distances that it is compared with
-            shadowed = bool(away < comparison.distance[row].min())
-            return shadowed, float(away), float(apart.confidence[0, nearest])
-
-        # A clip that shows a negative is rejected as a whole; a window like one is left out.
-        whole = like_negative(0)
-        shadowed, away, confidence_of_whole = whole
-        if shadowed and confidence_of_whole > tau:
-            return 0, away
-        for row in order:
-            shadowed, away, _ = whole
-            if row:
-                shadowed, away, _ = like_negative(row)
-            if not shadowed:
-                return row, away
-        return 0, whole[1]
+        return decide(comparison, row, threshold, negative, notes, part)
 
     def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else self.embed(clips)
@@ -318,13 +300,3 @@ def _blocks(parts: Iterable[tuple[int, Clip]]) -> Iterator[list[tuple[int, Clip]
             block, frames = [], 0
     if block:
         yield block
-
-
-def _durations(support: Mapping[str, Sequence[Clip] | FloatArray]) -> list[float]:
-    """Of the examples that are clips, seconds."""
-    return [
-        clip.duration
-        for clips in support.values()
-        if not isinstance(clips, np.ndarray)
-        for clip in clips
-    ]

@@ -1,8 +1,8 @@
-"""What is enrolled, as decisions take it: read from a store at one moment, then asked."""
+"""The support set: what is enrolled, read from a store at one moment and embedded once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,8 +11,9 @@ import numpy as np
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import SupportError
 from actioncli.recognition.decision import Decision
-from actioncli.recognition.recognizer import DEFAULT_TAU, Recognizer
-from actioncli.recognition.threshold import THRESHOLD_SETTING, Threshold
+from actioncli.recognition.recognizer import Recognizer
+from actioncli.recognition.threshold import DEFAULT_TAU, THRESHOLD_SETTING, Threshold
+from actioncli.recognition.windows import mean_durations
 from actioncli.store.examples import Example
 from actioncli.store.store import SupportStore
 
@@ -91,7 +92,7 @@ class SupportSet:
             recognizer=recognizer,
             actions=stacked,
             negatives=recognizer.embed([]) if negatives is None else negatives,
-            durations=_durations(
+            durations=mean_durations(
                 (each.label, each.seconds) for each in found.examples if not each.negative
             ),
             threshold=threshold,
@@ -122,7 +123,7 @@ class SupportSet:
             recognizer=recognizer,
             actions={label: recognizer.embed(clips) for label, clips in actions.items()},
             negatives=recognizer.embed(negatives),
-            durations=_durations(
+            durations=mean_durations(
                 (label, clip.duration) for label, clips in actions.items() for clip in clips
             ),
             threshold=Threshold(tau, recognizer.weights.checksum),
@@ -166,7 +167,7 @@ class SupportSet:
         self,
         clips: Sequence[Clip] | FloatArray,
         whole: bool = False,
-        progress: Callable[[int], None] | None = None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> list[Decision]:
         """`classify` for each of many clips; together they take a fraction of the time.
 
@@ -177,20 +178,7 @@ class SupportSet:
             ClipError, SupportError: as `classify`.
         """
         self.require_actions()
-        decisions = self.recognizer.classify_all(
-            clips,
-            self.actions,
-            self.threshold.tau,
-            self.negatives,
-            () if whole else self.durations.values(),
-            progress,
+        durations = () if whole else self.durations.values()
+        return self.recognizer.classify_all(
+            clips, self.actions, self.threshold, self.negatives, durations, progress
         )
-        return [self.threshold.apply(decision) for decision in decisions]
-
-
-def _durations(lasting: Iterable[tuple[str, float]]) -> dict[str, float]:
-    """The mean of each label's seconds."""
-    by_label: dict[str, list[float]] = {}
-    for label, seconds in lasting:
-        by_label.setdefault(label, []).append(seconds)
-    return {label: sum(seconds) / len(seconds) for label, seconds in by_label.items()}

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from actioncli.errors import StoreError
 
 if TYPE_CHECKING:
-    from actioncli.recognition.decision import Decision
     from actioncli.store.store import SupportStore
 
+DEFAULT_TAU = 0.5
 # One setting holds it all, so that it is written and forgotten in one transaction.
 THRESHOLD_SETTING = "threshold"
 
@@ -37,13 +37,6 @@ class Threshold:
         """The threshold of an action."""
         return self.actions.get(label, self.tau)
 
-    def apply(self, decision: Decision) -> Decision:
-        """The decision under the threshold of its nearest action."""
-        tau = self.of(decision.nearest)
-        accepted = decision.confidence > tau and not decision.negative_is_nearer
-        label = decision.nearest if accepted else None
-        return replace(decision, tau=tau, accepted=accepted, label=label)
-
     def to_text(self) -> str:
         """What a store keeps."""
         return json.dumps({"tau": self.tau, "weights": self.weights, "actions": dict(self.actions)})
@@ -66,8 +59,18 @@ class Threshold:
             ) from error
 
 
+def kept_threshold(store: SupportStore) -> Threshold | None:
+    """The threshold that a store keeps, of whatever weights.
+
+    Raises:
+        StoreError: the store cannot be read, or its threshold is damaged.
+    """
+    text = store.setting(THRESHOLD_SETTING)
+    return None if text is None else Threshold.from_text(text, store.path)
+
+
 def keep_threshold(store: SupportStore, threshold: Threshold | None) -> None:
-    """Remember a threshold instead of the last one; None forgets it.
+    """Let a store keep a threshold in place of the last one; None forgets it.
 
     Raises:
         StoreError: the store cannot be written.

@@ -35,10 +35,20 @@ _SHORTEST = 0.8
 _FEWEST_STEPS = 3
 
 
+def mean_durations(examples: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Of each action the mean duration of its examples, seconds, from labels and durations: what
+    windows are cut by."""
+    by_label: dict[str, list[float]] = {}
+    for label, seconds in examples:
+        by_label.setdefault(label, []).append(seconds)
+    return {label: sum(seconds) / len(seconds) for label, seconds in by_label.items()}
+
+
 def window_lengths(durations: Iterable[float], longest: float = inf) -> tuple[float, ...]:
-    """Lengths of windows, seconds, for examples of these durations."""
-    known = [float(np.clip(seconds, _SHORTEST, longest)) for seconds in durations]
-    low, high = max(_FASTER * min(known), _SHORTEST), min(_SLOWER * max(known), longest)
+    """Lengths of windows, seconds, for actions of these durations."""
+    clipped = np.clip(list(durations), _SHORTEST, longest)
+    low = max(_FASTER * float(clipped.min()), _SHORTEST)
+    high = min(_SLOWER * float(clipped.max()), longest)
     count = max(1, int(np.ceil(np.log(high / low) / np.log(_GROWTH))))
     return tuple(np.geomspace(low, high, count + 1).tolist())
 
@@ -50,7 +60,7 @@ def windows(clip: Clip, durations: Iterable[float]) -> Iterator[Clip]:
 
     Args:
         clip: a query.
-        durations: of the enrolled examples, seconds; none where they are unknown.
+        durations: of the enrolled actions, seconds; none where they are not known.
     """
     for seconds, count in _counts(clip, durations):
         for start in np.linspace(0, clip.duration - seconds, count).tolist():
@@ -67,16 +77,15 @@ def most_windows(clip: Clip, durations: Iterable[float]) -> int:
 
 def _counts(clip: Clip, durations: Iterable[float]) -> Iterator[tuple[float, int]]:
     """Length, seconds, and number of the windows of a long clip."""
-    known = tuple(durations)
-    if not known or clip.duration <= LONG * float(median(np.array(known))):
+    seconds_of_actions = np.array(list(durations))
+    if not len(seconds_of_actions) or clip.duration <= LONG * float(median(seconds_of_actions)):
         return
-    for seconds in window_lengths(known):
+    for seconds in window_lengths(seconds_of_actions):
         room = clip.duration - seconds
         if room > 0 and seconds * clip.fps >= _FEWEST_STEPS:
             yield seconds, int(np.ceil(room / (STRIDE * seconds))) + 1
 
 
 def odds_factor(count: int) -> float:
-    """By what the odds against a match are multiplied if it is the best of `count` windows; 1 where
-    there are none."""
+    """The factor on the odds against a match, if it is the best of `count` windows."""
     return float(max(count, 1) ** CHANCES)

@@ -1,13 +1,19 @@
-"""Warnings about examples that look like something else."""
+"""The way into a support set, and warnings about examples that look like something else."""
+
+from pathlib import Path
 
 import pytest
 
-from actioncli import Decision
-from actioncli.calibration.enrolment import doubts
+from actioncli import Decision, Recognizer, SupportSet, SupportStore, UsageError, read_clip
+from actioncli.calibration.enrolment import enrol, enrolment_warnings
 from actioncli.recognition.decision import Ranked
 from actioncli.recognition.threshold import Threshold
 
 HALF = Threshold(0.5, "abc")
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SQUAT, OTHER, BOW = (
+    read_clip(EXAMPLES / f"{name}.npz") for name in ("squat/ada", "squat/ben", "bow/ben")
+)
 
 
 def decision(*ranked: tuple[str, float], negative: float | None = None) -> Decision:
@@ -22,7 +28,7 @@ def decision(*ranked: tuple[str, float], negative: float | None = None) -> Decis
 
 
 @pytest.mark.parametrize(
-    ("seen", "told"),
+    ("seen", "expected"),
     [
         (decision(("wave", 0.9), ("clap", 0.2)), []),
         (decision(("wave", 0.5)), ["unlike the other examples of `wave`, 0.50"]),
@@ -40,11 +46,63 @@ def decision(*ranked: tuple[str, float], negative: float | None = None) -> Decis
         (decision(("clap", 0.5), negative=0.5), []),
     ],
 )
-def test_doubts(seen: Decision, told: list[str]) -> None:
-    assert doubts(seen, "wave", HALF) == told
+def test_warnings(seen: Decision, expected: list[str]) -> None:
+    assert enrolment_warnings(seen, "wave", HALF) == expected
 
 
 def test_thresholds_are_those_of_the_actions() -> None:
     seen = decision(("wave", 0.5), ("clap", 0.81))
-    assert doubts(seen, "wave", Threshold(0.9, "abc", {"wave": 0.4})) == []
-    assert doubts(seen, "wave", Threshold(0.4, "abc", {"clap": 0.8})) == ["also like `clap`, 0.81"]
+    assert enrolment_warnings(seen, "wave", Threshold(0.9, "abc", {"wave": 0.4})) == []
+    assert enrolment_warnings(seen, "wave", Threshold(0.4, "abc", {"clap": 0.8})) == [
+        "also like `clap`, 0.81"
+    ]
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SupportStore:
+    return SupportStore(tmp_path / "support.db")
+
+
+@pytest.fixture(scope="module")
+def recognizer() -> Recognizer:
+    return Recognizer()
+
+
+def test_clips_are_kept_with_their_embeddings(store: SupportStore, recognizer: Recognizer) -> None:
+    # As an older version, or other weights, would leave it.
+    store.enroll("bow", BOW)
+    first, again, other = enrol(store, recognizer, " squat ", [SQUAT, SQUAT, OTHER], "at home")
+    assert (first.label, first.added, again.added, other.added) == ("squat", True, False, True)
+    assert again.example == first.example != other.example
+    assert {each.note for each in store.examples("squat")} == {"at home"}
+    assert SupportSet.load(store, recognizer).recomputed == {}
+    assert other.to_json() == {"example": other.example, "added": True, "warnings": []}
+
+
+def test_an_example_like_another_action_comes_with_a_warning(
+    store: SupportStore, recognizer: Recognizer
+) -> None:
+    enrol(store, recognizer, "squat", [SQUAT])
+    (one,) = enrol(store, recognizer, "crouch", [OTHER])
+    assert one.warnings[0].startswith("closest to `squat`, ")
+    (one,) = enrol(store, recognizer, "", [OTHER], negative=True)
+    assert (one.label, one.added, one.warnings) == ("negatives", True, ())
+
+
+def test_without_a_recognizer_clips_are_kept_unseen(store: SupportStore) -> None:
+    (one,) = enrol(store, None, "squat", [SQUAT])
+    assert (one.added, one.warnings) == (True, ())
+
+
+def test_a_damaged_threshold_keeps_no_clip_out(store: SupportStore, recognizer: Recognizer) -> None:
+    store.set_setting("threshold", "half")
+    (one,) = enrol(store, recognizer, "squat", [SQUAT])
+    assert one.added
+    assert one.warnings[0].startswith("not compared with the others: ")
+
+
+def test_the_name_of_negatives_may_be_taken(store: SupportStore, recognizer: Recognizer) -> None:
+    store.enroll("negatives", SQUAT)
+    with pytest.raises(UsageError, match="actioncli rename negatives NEW"):
+        enrol(store, recognizer, "", [BOW], negative=True)
+    assert len(store.examples("negatives")) == 1

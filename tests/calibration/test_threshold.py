@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actioncli import Recognizer, calibration, read_collection
+from actioncli import Recognizer, read_collection
 from actioncli.calibration.threshold import recommend
 from actioncli.calibration.trials import KINDS, Queries, Rate, Trials, run_trials
 
@@ -169,13 +169,6 @@ def test_what_is_wide() -> None:
     # The width counts, not the rate; and half of one's own examples are not more than half.
     half = [(0.9, 0, 0)] * 30 + [(0.1, 1, 1)] * 30
     assert recommend(trials_of(MANY, known=half), 0.05).notes == ()
-
-
-def test_a_width_of_just_the_limit_is_not_wide(monkeypatch: pytest.MonkeyPatch) -> None:
-    low, high = Rate(0, 60, 60).interval
-    for limit, notes in ((high - low, 0), (math.nextafter(high - low, 0), 1)):
-        monkeypatch.setattr(calibration, "_VAGUE", limit)
-        assert len(recommend(trials_of(MANY, known=SEEN * 30), 0.05).notes) == notes
 
 
 def test_a_threshold_that_rejects_most_of_ones_own_is_told() -> None:

@@ -15,7 +15,7 @@ from actioncli.calibration.threshold import recommend
 from actioncli.calibration.trials import Rate, run_trials
 from actioncli.clips.clip import FloatArray
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(scope="module")

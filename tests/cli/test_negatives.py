@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from actioncli import Recognizer, SupportStore, read_clip
-from actioncli.recognition.recognizer import DEFAULT_TAU
+from actioncli.recognition.threshold import DEFAULT_TAU
 
 from .conftest import EXAMPLES, Invoke
 

@@ -15,7 +15,7 @@ from actioncli.model.weights import Weights
 from actioncli.recognition.explanation import explain
 from actioncli.training.recipes import RECIPES
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 OTHER = ModelConfig(Preparation(joints=("pelv", "lwri", "rwri", "nose")))
 
 

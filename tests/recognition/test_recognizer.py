@@ -19,10 +19,10 @@ from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights
 from actioncli.recognition.decision import Comparison
-from actioncli.recognition.recognizer import DEFAULT_TAU
+from actioncli.recognition.threshold import DEFAULT_TAU
 from actioncli.recognition.windows import odds_factor, windows
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -172,8 +172,8 @@ def test_queries_are_embedded_without_what_only_examples_need(
     class Watched(Recognizer):
         asked: Sequence[bool] = ()
 
-        def _embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
-            found = super()._embed(clips, queries)
+        def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
+            found = super().embed(clips, queries)
             # Zeros stand for what was left out.
             self.asked = [*self.asked, bool((found == 0).all(axis=1).any())]
             return found
@@ -245,7 +245,7 @@ class OnALine(Recognizer):
         super().__init__(Weights(ModelConfig(warp_width=warp_width), {}, {}, "", Path()))
         self.place = place or middle
 
-    def _embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
+    def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
         return at(*map(self.place, clips))
 
     def compare(
@@ -334,10 +334,10 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
     frames: list[int] = []
 
     class Watched(OnALine):
-        def _embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
+        def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
             most.append(len(clips))
             frames.append(sum(map(len, clips)))
-            return super()._embed(clips, queries)
+            return super().embed(clips, queries)
 
     def in_pieces(limit: str, number: int) -> None:
         del most[:], frames[:]
@@ -360,11 +360,13 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
 
 def test_how_far_it_is_is_told_after_each_block(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("actioncli.recognition.recognizer._AT_ONCE", 7)
-    told: list[int] = []
+    seen: list[tuple[int, int]] = []
     clips, support = [LONG, moving(1)], {"early": at(2.5)}
-    OnALine().classify_all(clips, support, durations=LASTING, progress=told.append)
+    OnALine().classify_all(
+        clips, support, durations=LASTING, progress=lambda *counts: seen.append(counts)
+    )
     compared = len(PARTS) + 2
-    assert told == [*range(7, compared, 7), compared]
+    assert seen == [(done, compared) for done in [*range(7, compared, 7), compared]]
 
 
 def test_of_a_long_clip_the_surest_window_decides_at_longer_odds() -> None:

@@ -3,21 +3,8 @@
 import numpy as np
 import pytest
 
-from actioncli import Clip, Decision, StoreError, SupportStore
-from actioncli.recognition.decision import Ranked
+from actioncli import Clip, StoreError, SupportStore
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
-
-
-def decision(confidence: float, nearest_negative: float | None = None) -> Decision:
-    return Decision(
-        label="wave",
-        accepted=True,
-        confidence=confidence,
-        tau=0.0,
-        nearest="wave",
-        ranking=(Ranked("wave", 2.0, 1.0, confidence),),
-        nearest_negative=nearest_negative,
-    )
 
 
 @pytest.fixture
@@ -99,17 +86,6 @@ def test_a_damaged_one_is_told_and_can_be_forgotten(store: SupportStore, text: s
     assert kept_threshold(store) is None
 
 
-def test_a_decision_is_made_with_the_threshold_of_its_action() -> None:
+def test_an_action_may_have_a_threshold_of_its_own() -> None:
     threshold = Threshold(0.5, "abc", {"wave": 0.8})
     assert (threshold.of("wave"), threshold.of("bow")) == (0.8, 0.5)
-    rejected = threshold.apply(decision(0.8))
-    assert (rejected.accepted, rejected.label, rejected.tau) == (False, None, 0.8)
-    accepted = threshold.apply(decision(0.81))
-    assert (accepted.accepted, accepted.label, accepted.tau) == (True, "wave", 0.8)
-    assert Threshold(0.5, "abc").apply(decision(0.8)).accepted
-
-
-def test_no_threshold_accepts_what_is_nearer_to_a_negative() -> None:
-    threshold = Threshold(0.1, "abc")
-    assert not threshold.apply(decision(0.9, nearest_negative=1.9)).accepted
-    assert threshold.apply(decision(0.9, nearest_negative=2.0)).accepted

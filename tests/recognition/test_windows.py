@@ -15,7 +15,7 @@ from actioncli import Clip, Recognizer, read_clip
 from actioncli.clips.active import cut
 from actioncli.recognition.windows import LONG, most_windows, odds_factor, window_lengths, windows
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 RECOGNIZER = Recognizer()
 
 
