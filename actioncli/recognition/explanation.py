@@ -19,7 +19,7 @@ example's, and how much of T, the mean difference of pairs from their prototypes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,28 +106,57 @@ def explain(
         reference = mirror(config, reference[None])[0]
     reference = reference[_pace(frames, reference)]
 
-    def distances(made: FloatArray) -> NDArray[np.float64]:
-        embedded = embed(recognizer.weights.tensors, config, made, queries=True)
+    def distances(made: Sequence[FloatArray]) -> NDArray[np.float64]:
+        embedded = embed(recognizer.weights.tensors, config, np.stack(made), queries=True)
         return recognizer.compare(embedded, {"": support}).distance[:, 0].astype(np.float64)
 
+    def shares(
+        parts: int, exchange: Callable[[NDArray[np.bool_]], FloatArray]
+    ) -> NDArray[np.float64]:
+        """Shapley values of parts, from what `exchange` makes where some are the query's."""
+        rng = np.random.default_rng(0)
+        orders = [rng.permutation(parts) for _ in range(_ORDERS)]
+        orders += [order[::-1] for order in orders]
+        # In each order, all steps between none and all.
+        made = [exchange(np.argsort(order) < on) for order in orders for on in range(1, parts)]
+        between = distances(made).reshape(len(orders), parts - 1)
+        added = np.zeros(parts)
+        for order, found in zip(orders, between, strict=True):
+            added[order] += np.diff([base, *found, distance])
+        return added / len(orders)
+
+    def with_moments(on: NDArray[np.bool_]) -> FloatArray:
+        return np.where(np.repeat(on, len(frames) // len(on))[:, None, None], frames, reference)
+
+    (base,) = distances([reference])
     parts = _parts(config)
-    moments = config.tokens
-    swaps = [_exchange_joints(config, frames, reference, on) for on in _steps(len(parts))]
-    swaps += [_exchange_moments(frames, reference, on) for on in _steps(moments)]
-    base, *found = distances(np.stack([reference, *swaps]))
-    by_joint, by_moment = np.split(np.array(found), [len(_steps(len(parts)))])
+    of_joints = shares(len(parts), lambda on: _with_joints(config, frames, reference, on))
     weights, of_pair = _attention(recognizer, asked, support, mirrored)
+    weights = weights[:, example]
+    first, second = (np.array(each) for each in trx_os.pair_indices(config.tokens))
+    attention = np.zeros((config.tokens, config.tokens))
+    for ends in (first, second):
+        np.add.at(attention, (ends[:, None], ends[None, :]), weights)
+    largest = np.argsort(-of_pair, kind="stable")[:pairs]
+    best = weights.argmax(axis=1)
     return Explanation(
         distance=distance,
         base=float(base),
-        joints=dict(
-            zip(parts, _shares(by_joint, len(parts), base, distance).tolist(), strict=True)
-        ),
-        moments=_shares(by_moment, moments, base, distance),
+        joints=dict(zip(parts, of_joints.tolist(), strict=True)),
+        moments=shares(config.tokens, with_moments),
         example=example,
         mirrored=mirrored,
-        attention=_between_moments(config, weights[:, example]),
-        pairs=_largest(config, weights[:, example], of_pair, pairs),
+        # Every moment is an end of M - 1 pairs.
+        attention=attention / (config.tokens - 1),
+        pairs=tuple(
+            Attended(
+                query=(int(first[pair]), int(second[pair])),
+                example=(int(first[best[pair]]), int(second[best[pair]])),
+                weight=float(weights[pair, best[pair]]),
+                share=float(of_pair[pair]),
+            )
+            for pair in largest
+        ),
     )
 
 
@@ -144,15 +173,13 @@ def _nearest(recognizer: Recognizer, asked: FloatArray, support: FloatArray) -> 
 
 def _pace(query: FloatArray, example: FloatArray) -> NDArray[np.intp]:
     """For each frame of the query the frame of the example that warping aligns with it."""
-    q, s = (frames.reshape(len(frames), -1) for frames in (query, example))
-    cost = np.linalg.norm(q[:, None] - s, axis=2)
-    total = np.full((len(q) + 1, len(s) + 1), np.inf)
+    cost = np.sqrt(((query[:, None] - example) ** 2).sum(axis=(2, 3)))
+    total = np.full((len(query) + 1, len(example) + 1), np.inf)
     total[0, 0] = 0
-    for i in range(len(q)):
-        for j in range(len(s)):
-            total[i + 1, j + 1] = cost[i, j] + min(total[i, j], total[i, j + 1], total[i + 1, j])
-    aligned: list[list[int]] = [[] for _ in q]
-    i, j = len(q), len(s)
+    for i, j in np.ndindex(cost.shape):
+        total[i + 1, j + 1] = cost[i, j] + min(total[i, j], total[i, j + 1], total[i + 1, j])
+    aligned: list[list[int]] = [[] for _ in query]
+    i, j = len(query), len(example)
     while i and j:
         aligned[i - 1].append(j - 1)
         back = ((i - 1, j - 1), (i - 1, j), (i, j - 1))
@@ -168,45 +195,15 @@ def _parts(config: ModelConfig) -> tuple[str, ...]:
     return tuple(name for name in names if name != "pelv")
 
 
-def _steps(parts: int) -> list[NDArray[np.bool_]]:
-    """Which parts are the query's, for all steps of all orders that lie between none and all."""
-    steps = []
-    for order in _orders(parts):
-        on = np.zeros(parts, np.bool_)
-        for part in order[:-1]:
-            on = on.copy()
-            on[part] = True
-            steps.append(on)
-    return steps
-
-
-def _orders(parts: int) -> list[NDArray[np.intp]]:
-    rng = np.random.default_rng(0)
-    orders = [rng.permutation(parts) for _ in range(_ORDERS)]
-    return [*orders, *(order[::-1] for order in orders)]
-
-
-def _shares(
-    found: NDArray[np.float64], parts: int, base: float, distance: float
-) -> NDArray[np.float64]:
-    """Mean of what each part adds, from the distances after each of `_steps`."""
-    shares = np.zeros(parts)
-    orders = _orders(parts)
-    for order, between in zip(orders, found.reshape(len(orders), parts - 1), strict=True):
-        shares[order] += np.diff(np.concatenate([[base], between, [distance]]))
-    return shares / len(orders)
-
-
-def _exchange_joints(
+def _with_joints(
     config: ModelConfig, query: FloatArray, reference: FloatArray, on: NDArray[np.bool_]
 ) -> FloatArray:
     """The example with some parts from the query, (F, J, 3)."""
     names = config.preparation.joints
     made = reference.copy()
     if set(names) != set(DEFAULT_JOINTS):
-        for part, chosen in zip(_parts(config), on, strict=True):
-            if chosen:
-                made[:, names.index(part)] = query[:, names.index(part)]
+        columns = [names.index(part) for part in np.array(_parts(config))[on]]
+        made[:, columns] = query[:, columns]
         return made
     # Bones, not positions: no bone is stretched, and an arm follows the shoulder it hangs on.
     for (child, parent, _), chosen in zip(BONES, on, strict=True):
@@ -214,14 +211,6 @@ def _exchange_joints(
         at, above = names.index(child), names.index(parent)
         made[:, at] = made[:, above] + (source[:, at] - source[:, above])
     return made
-
-
-def _exchange_moments(
-    query: FloatArray, reference: FloatArray, on: NDArray[np.bool_]
-) -> FloatArray:
-    """The example with some moments from the query, (F, J, 3)."""
-    chosen = np.repeat(on, len(query) // len(on))[:, None, None]
-    return np.where(chosen, query, reference)
 
 
 def _attention(
@@ -245,34 +234,3 @@ def _attention(
     of_pair = np.array([float(trx_os.distance(config, each[None])) for each in difference])
     weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float64)
     return weights.reshape(config.pairs, len(support), config.pairs), of_pair / of_pair.sum()
-
-
-def _between_moments(config: ModelConfig, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Attention between pairs (P, P) as attention between their moments (M, M)."""
-    first, second = (np.array(each) for each in trx_os.pair_indices(config.tokens))
-    found = np.zeros((config.tokens, config.tokens))
-    for ends in (first, second):
-        np.add.at(found, (ends[:, None], ends[None, :]), weights)
-    # Every moment is an end of M - 1 pairs.
-    return found / (config.tokens - 1)
-
-
-def _largest(
-    config: ModelConfig,
-    weights: NDArray[np.float64],
-    of_pair: NDArray[np.float64],
-    wanted: int,
-) -> tuple[Attended, ...]:
-    first, second = trx_os.pair_indices(config.tokens)
-    found = []
-    for pair in np.argsort(-of_pair, kind="stable")[:wanted]:
-        other = int(weights[pair].argmax())
-        found.append(
-            Attended(
-                query=(first[pair], second[pair]),
-                example=(first[other], second[other]),
-                weight=float(weights[pair, other]),
-                share=float(of_pair[pair]),
-            )
-        )
-    return tuple(found)
