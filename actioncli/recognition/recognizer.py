@@ -6,7 +6,6 @@ One clip's way: `prepare` → `embed` → `compare` with each enrolled action �
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import chain, groupby, repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,15 +27,15 @@ from actioncli.recognition.windows import mean_durations, most_windows, odds_fac
 _AT_ONCE, _FRAMES_AT_ONCE = 256, 2**15
 
 
-class _Row(NamedTuple):
-    """A clip or a window of it beside K actions; the last three, (K,), as in `Comparison`."""
+class _Enrolled(NamedTuple):
+    """What queries are decided by: embeddings (n, F, E) of actions and of single negatives, what
+    `classify` takes beside them, and what is called with how many clips have been compared."""
 
-    clip: int
-    span: tuple[float, float] | None
-    whole: FloatArray | None
-    distance: FloatArray
-    confidence: FloatArray
-    probability: FloatArray
+    actions: Mapping[str, FloatArray]
+    negatives: Mapping[str, FloatArray]
+    durations: Sequence[float]
+    threshold: Threshold
+    advance: Callable[[int], None]
 
 
 class Recognizer:
@@ -92,7 +91,7 @@ class Recognizer:
         """
         if not support:
             raise SupportError("the support set is empty; enrol an action first.")
-        query = queries if isinstance(queries, np.ndarray) else self.embed(queries, queries=True)
+        query = self._embedded(queries, queries=True)
         examples = {label: self._embedded(clips) for label, clips in support.items()}
         for label, embedding in examples.items():
             if not len(embedding):
@@ -178,123 +177,103 @@ class Recognizer:
                 if not isinstance(examples, np.ndarray)
                 for example in examples
             ).values()
-        threshold = tau if isinstance(tau, Threshold) else Threshold(tau, self.weights.checksum)
-        actions = {label: self._embedded(examples) for label, examples in support.items()}
-        apart = self._embedded(() if negatives is None else negatives)
-        kept = {str(n): apart[n : n + 1] for n in range(len(apart))}
-        labels = np.array(list(actions))
-        rows = self._compared(clips, tuple(durations), actions, progress)
-        decisions = []
-        for number, of_clip in groupby(rows, key=lambda row: row.clip):
-            _, spans, (whole, *_), *measured = zip(*of_clip, strict=True)
-            comparison = Comparison(labels, *map(np.stack, measured))
-            decisions.append(self._decide(clips[number], whole, spans, comparison, threshold, kept))
-        return decisions
+        lasting = tuple(durations)
+        done, most = 0, 0
+        if progress and not isinstance(clips, np.ndarray):
+            most = sum(1 + most_windows(clip, lasting) for clip in clips)
 
-    def _compared(
-        self,
-        clips: Sequence[Clip] | FloatArray,
-        durations: Sequence[float],
-        actions: Mapping[str, FloatArray],
-        progress: Callable[[int, int], None] | None,
-    ) -> Iterator[_Row]:
-        """Each clip, and after it its windows, compared so many at a time that memory does not
-        grow with their number."""
-        if isinstance(clips, np.ndarray):
-            found = self.compare(clips, actions)
-            measured = found.distance, found.confidence, found.probability
-            yield from map(_Row, range(len(clips)), repeat(None), clips, *measured)
-            return
-        parts = (
-            (number, part)
-            for number, clip in enumerate(clips)
-            for part in chain([clip], windows(clip, durations))
-        )
-        most = sum(1 + most_windows(clip, durations) for clip in clips) if progress else 0
-        done, last = 0, -1
-        for block in _blocks(parts):
-            embedded = self.embed([part for _, part in block], queries=True)
-            found = self.compare(embedded, actions)
-            for at, (number, part) in enumerate(block):
-                yield _Row(
-                    number,
-                    (part.start, part.start + part.duration),
-                    # A copy, which keeps none of the block; of ten thousand windows none are kept.
-                    None if number == last else embedded[at].copy(),
-                    found.distance[at],
-                    found.confidence[at],
-                    found.probability[at],
-                )
-                last = number
-            done += len(block)
+        def advance(count: int) -> None:
+            nonlocal done
+            done += count
             if progress:
                 progress(done, most)
 
+        apart = self._embedded(() if negatives is None else negatives)
+        enrolled = _Enrolled(
+            actions={label: self._embedded(examples) for label, examples in support.items()},
+            negatives={str(n): apart[n : n + 1] for n in range(len(apart))},
+            durations=lasting,
+            threshold=tau if isinstance(tau, Threshold) else Threshold(tau, self.weights.checksum),
+            advance=advance,
+        )
+        decisions = []
+        for block in [clips] if isinstance(clips, np.ndarray) else _blocks(clips):
+            embedded = self._embedded(block, queries=True)
+            comparison = self.compare(embedded, enrolled.actions)
+            advance(len(block))
+            for row, clip in enumerate(block):
+                whole = embedded[[row]]
+                decisions.append(self._decide(clip, whole, comparison.row(row), enrolled))
+        return decisions
+
     def _decide(
-        self,
-        clip: Clip | FloatArray,
-        whole: FloatArray,
-        spans: Sequence[tuple[float, float] | None],
-        comparison: Comparison,
-        threshold: Threshold,
-        negatives: Mapping[str, FloatArray],
+        self, clip: Clip | FloatArray, whole: FloatArray, compared: Comparison, enrolled: _Enrolled
     ) -> Decision:
-        """Choose between a clip, in the first row, and its windows, and decide about that part."""
-        odds = np.float32(odds_factor(len(spans) - 1))
+        """Decide about a clip, embedded (1, F, E) and compared as a whole, or a window of it."""
+        found = [compared]
+        notes: tuple[str, ...] = ()
+        spans: list[tuple[float, float]] = []
+        if isinstance(clip, Clip):
+            notes, spans = clip.notes, [(clip.start, clip.start + clip.duration)]
+            # Of ten thousand windows only what their comparison gives is kept.
+            for block in _blocks(windows(clip, enrolled.durations)):
+                found.append(self.compare(self.embed(block, queries=True), enrolled.actions))
+                spans += [(part.start, part.start + part.duration) for part in block]
+                enrolled.advance(len(block))
+        distance = np.concatenate([each.distance for each in found])
+        confidence = np.concatenate([each.confidence for each in found])
+        probability = np.concatenate([each.probability for each in found])
+        count = len(distance) - 1
+        odds = np.float32(odds_factor(count))
         factor = odds if self.weights.config.warp_width else np.float32(1)
-        distance, confidence = comparison.distance, comparison.confidence
         confidence[1:] /= confidence[1:] + (1 - confidence[1:]) * odds
         distance[1:] *= factor
-        surest = confidence[np.arange(len(spans)), distance.argmin(axis=1)]
 
         def beside_negatives(row: int) -> tuple[bool, float, float]:
             """Whether the nearest negative is nearer than every action, its distance and its
             confidence."""
-            span = spans[row]
-            if row and span and isinstance(clip, Clip):
-                start, end = (time - clip.start for time in span)
+            embedded = whole
+            if row and isinstance(clip, Clip):
+                start, end = (time - clip.start for time in spans[row])
                 embedded = self.embed([cut(clip, start, end)], queries=True)
-            else:
-                embedded = whole[np.newaxis]
-            apart = self.compare(embedded, negatives)
+            apart = self.compare(embedded, enrolled.negatives)
             at = apart.distance[0].argmin()
             away = apart.distance[0, at] * (factor if row else 1)
             nearer = bool(away < distance[row].min())
             return nearer, float(away), float(apart.confidence[0, at])
 
+        surest = confidence[np.arange(count + 1), distance.argmin(axis=1)]
         order = np.argsort(-surest, kind="stable").tolist()
         row, negative = order[0], None
-        if negatives:
+        if enrolled.negatives:
             # A clip that shows a negative is rejected as a whole; a window like one is left out.
             first = beside_negatives(0)
             nearer, negative, confidence_of_whole = first
             row = 0
-            if not nearer or confidence_of_whole <= threshold.tau:
+            if not nearer or confidence_of_whole <= enrolled.threshold.tau:
                 for each in order:
                     nearer, away, _ = beside_negatives(each) if each else first
                     if not nearer:
                         row, negative = each, away
                         break
-        notes = clip.notes if isinstance(clip, Clip) else ()
-        part = spans[row]
-        if row and part:
-            start, end = part
-            notes += (
-                f"matched {start:.1f} s to {end:.1f} s, the surest of {len(spans) - 1} windows",
-            )
-        return decide(comparison, row, threshold, negative, notes, part)
+        if row:
+            start, end = spans[row]
+            notes += (f"matched {start:.1f} s to {end:.1f} s, the surest of {count} windows",)
+        comparison = Comparison(compared.labels, distance, confidence, probability)
+        part = spans[row] if spans else None
+        return decide(comparison.row(row), enrolled.threshold, negative, notes, part)
 
-    def _embedded(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
-        return clips if isinstance(clips, np.ndarray) else self.embed(clips)
+    def _embedded(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
+        return clips if isinstance(clips, np.ndarray) else self.embed(clips, queries)
 
 
-def _blocks(parts: Iterable[tuple[int, Clip]]) -> Iterator[list[tuple[int, Clip]]]:
+def _blocks(clips: Iterable[Clip]) -> Iterator[list[Clip]]:
     """As many at a time as memory is meant for."""
-    block: list[tuple[int, Clip]] = []
+    block: list[Clip] = []
     frames = 0
-    for numbered in parts:
-        block.append(numbered)
-        frames += len(numbered[1])
+    for clip in clips:
+        block.append(clip)
+        frames += len(clip)
         if len(block) == _AT_ONCE or frames >= _FRAMES_AT_ONCE:
             yield block
             block, frames = [], 0

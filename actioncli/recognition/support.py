@@ -136,7 +136,8 @@ class SupportSet:
 
     def with_tau(self, tau: float) -> SupportSet:
         """The same with another threshold for every action."""
-        return replace(self, threshold=Threshold(tau, self.threshold.weights))
+        threshold = Threshold(tau, self.threshold.weights)
+        return replace(self, threshold=threshold, stored_threshold=None)
 
     def require_actions(self) -> None:
         """Refuse to answer where nothing is enrolled.
