@@ -2,7 +2,7 @@
 
     python tools/plot_calibration.py FIGURES.json weights/calibration.svg
 
-The plot is the one of `evaluate --report`, light or dark as its viewer is.
+The plot is light or dark as its viewer is.
 """
 
 from __future__ import annotations

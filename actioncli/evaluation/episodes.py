@@ -127,33 +127,11 @@ class Sampler:
             drawn = self._draw(rng, ways)
             if drawn is not None:
                 return drawn
-        raise ClipError(self._too_thin(ways))
-
-    def one_against_all(self, number: int) -> Episode:
-        """Every class enrolled, queries of every class: what the acceptance matrix asks.
-
-        Classes without a support clip or a query under the protocol are absent from an episode.
-
-        Raises:
-            ClipError: no class has both.
-        """
-        rng = self._generator(0, number)
-        for _ in range(_ATTEMPTS):
-            enrolling, asking = self._groups(rng)
-            support, queries = [], []
-            for label in self.classes:
-                split = self._split(rng, self._clips(label, enrolling), self._clips(label, asking))
-                if split is not None:
-                    support.append((label, split[0]))
-                    queries.append(split[1][:QUERIES_PER_CLASS])
-            if support:
-                return Episode(
-                    labels=tuple(label for label, _ in support),
-                    support=np.stack([clips for _, clips in support]),
-                    queries=np.concatenate(queries),
-                    target=np.repeat(np.arange(len(queries)), [len(q) for q in queries]),
-                )
-        raise ClipError(self._too_thin(0))
+        raise ClipError(
+            f"{self.name}: no {ways}-way {self.shots}-shot episode of the {self.protocol} protocol "
+            f"can be drawn from its {len(self.classes)} classes; ask for fewer --shots or another "
+            "--protocol."
+        )
 
     def _draw(self, rng: np.random.Generator, ways: int) -> Episode | None:
         """An episode of performers drawn at random, or None where their clips give none."""
@@ -209,13 +187,6 @@ class Sampler:
         # fewer are the first of those of more, so that only what they add makes a difference.
         name = zlib.crc32(self.name.encode(errors="surrogatepass"))
         return np.random.default_rng([self.seed, name, ways, number])
-
-    def _too_thin(self, ways: int) -> str:
-        what = f"{ways}-way {self.shots}-shot" if ways else f"{self.shots}-shot"
-        return (
-            f"{self.name}: no {what} episode of the {self.protocol} protocol can be drawn from "
-            f"its {len(self.classes)} classes; ask for fewer --shots or another --protocol."
-        )
 
 
 def _evenly(parts: list[Indices], size: int) -> list[Indices]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import ClipError, UsageError
 from actioncli.evaluation import metrics
-from actioncli.evaluation.episodes import Episode, Indices, Protocol, possible_ways
-from actioncli.evaluation.result import METRICS, Answers, Evaluation, Result, mean_result
-from actioncli.evaluation.scorer import Scorer
+from actioncli.evaluation.episodes import Indices, Protocol, possible_ways
+from actioncli.evaluation.result import METRICS, Evaluation, Result, mean_result
 from actioncli.evaluation.splits import Splits
-from actioncli.evaluation.task import Progress, Steps, Task, possible
+from actioncli.evaluation.task import Progress, Scorer, Steps, Task, possible
 
 if TYPE_CHECKING:
     from actioncli.clips.collection import Collection
@@ -94,20 +93,16 @@ def evaluate(
 
 
 class EpisodeScores:
-    """Gathers the answers of one episode after the other."""
+    """Gathers the scores of one episode after the other."""
 
     def __init__(self) -> None:
         """Start with none."""
         self._values: list[dict[str, float]] = []
-        self._answers: list[Answers] = []
+        self._scores: list[FloatArray] = []
+        self._hits: list[NDArray[np.bool_]] = []
 
     def add(
-        self,
-        distance: FloatArray,
-        confidence: FloatArray,
-        target: Indices,
-        tau: float,
-        clips: tuple[Indices, Indices] | None = None,
+        self, distance: FloatArray, confidence: FloatArray, target: Indices, tau: float
     ) -> None:
         """Measure an episode.
 
@@ -116,13 +111,12 @@ class EpisodeScores:
             confidence: (Q, K) that the query shows the action.
             target: (Q,) index of the action it shows, -1 for none of them.
             tau: accept means confidence > tau.
-            clips: (Q,) and (K,), numbers of the queries and of each action's first example.
         """
         nearest = distance.argmin(axis=1)
         score = confidence[np.arange(len(nearest)), nearest]
         hit = nearest == target
-        known = target >= 0
-        right, inside, outside = hit[known], score[known], score[~known]
+        enrolled = target >= 0
+        right, inside, outside = hit[enrolled], score[enrolled], score[~enrolled]
         self._values.append(
             {
                 "fsos_accuracy": metrics.fsos_accuracy(inside, right, outside, tau),
@@ -137,27 +131,20 @@ class EpisodeScores:
                 "false_reject_rate": metrics.false_reject_rate(inside, tau),
             }
         )
-        nowhere = np.full(len(target), -1)
-        query, example = (nowhere, nowhere) if clips is None else (clips[0], clips[1][nearest])
-        self._answers.append(Answers(score, hit, known, query, example))
+        self._scores.append(score)
+        self._hits.append(hit)
 
     def result(self, collection: str, ways: int, classes: int) -> Result:
         """What all episodes together say."""
-        answers = Answers(
-            *(
-                np.concatenate([getattr(each, field.name) for each in self._answers])
-                for field in fields(Answers)
-            )
-        )
+        score, hit = np.concatenate(self._scores), np.concatenate(self._hits)
         return Result(
             collection=collection,
             ways=ways,
             ways_used=ways,
             classes=classes,
-            queries=len(answers.score) / len(self._answers),
+            queries=len(score) / len(self._values),
             values={name: np.array([v[name] for v in self._values]) for name in METRICS},
-            reliability=metrics.reliability(answers.score, answers.hit),
-            answers=answers,
+            reliability=metrics.reliability(score, hit),
         )
 
 
@@ -170,21 +157,14 @@ def _run(
     tau: float,
     step: Steps,
 ) -> Result:
-    asked = EpisodeScores()
+    scores = EpisodeScores()
     for number in range(episodes):
         episode = task.sampler.episode(ways, number)
-        clips = task.numbers[episode.queries], task.numbers[episode.support[:, 0]]
-        asked.add(*compare_episode(scorer, embedded, episode), episode.target, tau, clips)
+        support = {
+            label: embedded[clips]
+            for label, clips in zip(episode.labels, episode.support, strict=True)
+        }
+        compared = scorer.compare(embedded[episode.queries], support)
+        scores.add(compared.distance, compared.confidence, episode.target, tau)
         step(f"{task.name}: {ways}-way")
-    return asked.result(task.name, ways, len(task.classes))
-
-
-def compare_episode(
-    scorer: Scorer, embedded: NDArray[Any], episode: Episode
-) -> tuple[FloatArray, FloatArray]:
-    """(Q, K) distance and confidence of an episode's queries, from embedded clips."""
-    support = {
-        label: embedded[clips] for label, clips in zip(episode.labels, episode.support, strict=True)
-    }
-    compared = scorer.compare(embedded[episode.queries], support)
-    return compared.distance, compared.confidence
+    return scores.result(task.name, ways, len(task.classes))

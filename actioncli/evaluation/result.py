@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actioncli.evaluation import metrics
 from actioncli.evaluation.metrics import Floats, Reliability
@@ -37,25 +36,6 @@ class Summary:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answers:
-    """What was answered to the N queries of all episodes of a run.
-
-    Attributes:
-        score: (N,) confidence of the nearest action.
-        hit: (N,) whether the query shows it.
-        known: (N,) whether the query shows any enrolled action.
-        query: (N,) number of the clip in its collection; -1 where clips are not kept.
-        nearest: (N,) that of the nearest action's first example, likewise.
-    """
-
-    score: NDArray[np.float32]
-    hit: NDArray[np.bool_]
-    known: NDArray[np.bool_]
-    query: NDArray[np.intp]
-    nearest: NDArray[np.intp]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Result:
     """One number of ways on one collection, or on the mean of several.
 
@@ -69,7 +49,6 @@ class Result:
         values: (episodes,) for each of `METRICS`.
         reliability: of all queries of all episodes.
         collections: those behind a mean, otherwise empty.
-        answers: to every query; None for a mean.
     """
 
     collection: str
@@ -80,14 +59,13 @@ class Result:
     values: Mapping[str, Floats]
     reliability: Reliability
     collections: tuple[str, ...] = ()
-    answers: Answers | None = None
 
     def __getitem__(self, metric: str) -> Summary:
         values = self.values[metric]
         return Summary(float(values.mean()), float(values.std()))
 
-    def as_json(self) -> dict[str, Any]:
-        """See `Evaluation.as_json`."""
+    def to_json(self) -> dict[str, Any]:
+        """See `Evaluation.to_json`."""
         table = self.reliability
         filled = np.flatnonzero(table.count)
         found: dict[str, Any] = {
@@ -173,7 +151,7 @@ class Evaluation:
     means: tuple[Result, ...]
     skipped: tuple[Skipped, ...]
 
-    def as_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Plain values under stable keys.
 
         `scorer`, `protocol`, `shots`, `episodes`, `tau`, `seed` say what was run. `results` and
@@ -191,7 +169,7 @@ class Evaluation:
             "episodes": self.episodes,
             "tau": self.tau,
             "seed": self.seed,
-            "results": [result.as_json() for result in self.results],
-            "means": [mean.as_json() for mean in self.means],
+            "results": [result.to_json() for result in self.results],
+            "means": [mean.to_json() for mean in self.means],
             "skipped": [{"collection": s.collection, "reason": s.reason} for s in self.skipped],
         }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import typing
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -11,10 +12,10 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
-from actioncli.evaluation.episodes import Indices, Protocol, Sampler
+from actioncli.evaluation.episodes import Protocol, Sampler
 from actioncli.evaluation.result import Skipped
-from actioncli.evaluation.scorer import Scorer
 from actioncli.evaluation.splits import Splits
+from actioncli.recognition.decision import Comparison
 
 if TYPE_CHECKING:
     from actioncli.clips.collection import Collection
@@ -24,6 +25,20 @@ Progress = Callable[[str, int, int], None]
 
 # Clips embedded in one call: memory stays flat and progress moves.
 CLIPS_AT_ONCE = 32
+
+
+class Scorer(typing.Protocol):
+    """What is measured: a `Recognizer`, or a baseline with the same two steps."""
+
+    @property
+    def name(self) -> str:
+        """How reports call it."""
+
+    def embed(self, clips: Sequence[Clip]) -> NDArray[Any]:
+        """All that comparison needs of N clips; the leading axis has length N."""
+
+    def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
+        """Compare Q embedded queries with K actions, each given by its embedded examples."""
 
 
 class Steps:
@@ -50,14 +65,12 @@ class Task:
         name: of the collection.
         classes: those that episodes draw from, in alphabetical order.
         clips: of these classes only; what the sampler's indices mean.
-        numbers: (N,) which clip of the collection each of them is.
         sampler: of its episodes.
     """
 
     name: str
     classes: tuple[str, ...]
     clips: tuple[Clip, ...]
-    numbers: Indices
     sampler: Sampler
 
     @classmethod
@@ -94,7 +107,7 @@ class Task:
             seed,
         )
         clips = tuple(collection.clips[c] for c in kept)
-        return cls(collection.name, classes, clips, np.array(kept, np.intp), sampler)
+        return cls(collection.name, classes, clips, sampler)
 
     def embed(self, scorer: Scorer, step: Steps) -> NDArray[Any]:
         """Every clip once, a step each."""

@@ -57,10 +57,9 @@ def test_json_goes_to_a_file_beside_the_table(
     chosen = ["--baseline", baseline] if baseline else []
     result = invoke(
         "evaluate", toys / "one.npz", "--splits", toys / "splits.json", "--episodes", 2,
-        "--weights", toys / "w.safetensors", "--json", file, "--acceptance", *chosen,
+        "--weights", toys / "w.safetensors", "--json", file, *chosen,
     )  # fmt: skip
     assert result.exit_code == 0, result.stderr
-    assert "enrolled alone accepts" in result.stdout
     document = json.loads(file.read_text())
     assert set(document) == {
         "scorer",
@@ -73,13 +72,11 @@ def test_json_goes_to_a_file_beside_the_table(
         "results",
         "means",
         "skipped",
-        "acceptance",
         "others",
     }
     assert document["scorer"] == (baseline or "trx-os")
     assert (document["weights"] is None) == (baseline in ("always-reject", "random"))
     assert [row["ways_used"] for row in document["results"]] == [2, 2, 2]
-    assert len(document["acceptance"][0]["classes"]) == 4
 
 
 def test_a_full_disk_takes_the_document_and_not_the_table(
@@ -113,28 +110,6 @@ def test_several_baselines_stand_in_one_document(invoke: Invoke, toys: Path) -> 
     assert invoke(*arguments).stdout.count("FSOS-ACC") == 2
 
 
-def test_a_report_holds_the_model_and_its_baselines(
-    invoke: Invoke, toys: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "report"
-    arguments = [
-        "evaluate", toys / "one.npz", "--episodes", 2, "--ways", "2,4", "--baseline", "dtw",
-        "--weights", toys / "w.safetensors", "--report", folder,
-    ]  # fmt: skip
-    for _ in range(2):  # over the first one
-        result = invoke(*arguments)
-        assert result.exit_code == 0, result.stderr
-        assert f"report: {folder / 'index.html'}" in result.stderr
-    document = json.loads((folder / "figures.json").read_text())
-    assert document["scorer"] == "trx-os"
-    assert [other["scorer"] for other in document["others"]] == ["dtw"]
-    assert len(document["acceptance"]) == 1
-    assert {path.suffix for path in folder.iterdir()} == {".html", ".json", ".csv"}
-    result = invoke(*arguments[:-1], toys)
-    assert result.exit_code == 2
-    assert "holds something else" in result.stderr
-
-
 def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path: Path) -> None:
     (tmp_path / "s.json").write_text('{"one": {}, "two": {"benchmark": ["action 1"]}}')
     splits = ["--splits", tmp_path / "s.json", "--baseline", "random"]
@@ -147,14 +122,11 @@ def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "give collections to measure on, or --ntu FOLDER"),
-        (["one.npz", "--ntu", "."], "give collections to measure on, or --ntu FOLDER"),
-        (["--ntu", ".", "--shots", "3"], "a protocol of its own"),
+        ([], "Missing argument 'COLLECTION...'"),
         (["one.npz", "--ways", "5,x"], "--ways must be numbers"),
         (["one.npz", "--ways", "0"], "--ways must be numbers"),
         (["one.npz", "--protocol", "open"], "unknown protocol 'open'"),
         (["one.npz", "--baseline", "knn"], "unknown baseline 'knn'"),
-        (["one.npz", "--tau", "2"], "tau must lie between 0 and 1"),
         (["one.npz", "--json", "none/x.json"], "there is no folder none"),
         (["one.npz", "--json", "."], "is a folder; name a file"),
         (["one.npz", "--json", "--ways"], "--json needs a file"),
@@ -172,9 +144,3 @@ def test_senseless_arguments_are_usage_errors(
     result = invoke("evaluate", *arguments)
     assert result.exit_code == 2
     assert message in result.stderr
-
-
-def test_ntu_protocol_names_what_is_missing(invoke: Invoke, tmp_path: Path) -> None:
-    result = invoke("evaluate", "--ntu", tmp_path, "--baseline", "always-reject")
-    assert result.exit_code == 3
-    assert "S001C003P008R001A001.skeleton" in result.stderr

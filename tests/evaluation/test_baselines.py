@@ -9,7 +9,7 @@ from actioncli.clips.collection import Collection
 from actioncli.clips.prepare import Preparation
 from actioncli.errors import SupportError
 from actioncli.evaluation.baselines import AlwaysReject, Dtw, Random
-from actioncli.evaluation.scorer import Scorer
+from actioncli.evaluation.task import Scorer
 
 DEFAULT = Preparation(size="torso", heading=True)
 

@@ -113,21 +113,6 @@ def test_every_class_gets_its_turn_as_known_and_as_unknown() -> None:
     assert all(100 < enrolled.count(label) < 200 for label in set(labels))
 
 
-@given(collections, st.sampled_from(list(Protocol)), st.integers(0, 9))
-def test_one_against_all_asks_queries_of_every_class(
-    rows: list[tuple[str, str]], protocol: Protocol, number: int
-) -> None:
-    labels, subjects = [row[0] for row in rows], [row[1] for row in rows]
-    try:
-        episode = Sampler("all", labels, subjects, set(labels), protocol).one_against_all(number)
-    except ClipError:
-        return
-    shown = [labels[query] for query in episode.queries]
-    assert shown == [episode.labels[target] for target in episode.target]
-    assert set(shown) == set(episode.labels)
-    assert not set(episode.queries) & set(episode.support.ravel())
-
-
 def test_performers_must_be_told_and_be_two() -> None:
     with pytest.raises(ClipError, match="x: 1 clips do not tell their performer"):
         Sampler("x", ["a", "b"], ["", "P"], ["a", "b"])

@@ -120,7 +120,7 @@ def test_progress_counts_to_its_total(toy: Collection) -> None:
 
 def test_json_keys_are_stable(toy: Collection) -> None:
     found = evaluate(Dtw(DEFAULT), [toy], ways=[3], episodes=4, tau=0.6, seed=5)
-    parsed = json.loads(json.dumps(found.as_json()))
+    parsed = json.loads(json.dumps(found.to_json()))
     assert {key: parsed[key] for key in ("scorer", "protocol", "shots", "episodes")} == {
         "scorer": "dtw",
         "protocol": "cross-person",
