@@ -1,26 +1,23 @@
-"""What a support set makes of its own examples and of other motions: queries whose answer is known.
+"""Trials of a support set: how it decides about its own examples and about other motions.
 
-Each clip is one query, answered as `Recognizer.classify` would answer it as a whole, for windows
-of long clips are made to accept as many unknown queries as whole clips do:
+Each clip is a query, decided as `Recognizer.classify` would decide it as a whole, for windows of
+long clips are made to accept as many unknown queries as whole clips do:
 
 - *known*: an enrolled example against the support set without that example. It needs another
   example of its action, so false rejects cannot be measured where every action has one.
-- *unknown*, which whatever is accepted is falsely accepted, of three kinds:
-  `actions`, an enrolled example against the support set without its whole action;
-  `negatives`, a stored negative against the support set and the other negatives, or a clip that
-  was given for this purpose; `cohort`, other people's motions that came with the weights.
+- *unknown*, which is falsely accepted whenever it is accepted, of three kinds: `actions`, an
+  enrolled example against the support set without its whole action; `negatives`, a stored
+  negative against the support set and the other negatives, or a clip that was given for this
+  purpose; `cohort`, other people's motions that came with the weights.
 
-An unknown clip counts once, with the action nearest to it, not once for each action: a rate of
-false accepts over pairs of clip and action would be smaller than what the user meets.
+An unknown clip counts once, with the action nearest to it: a rate over pairs of clip and action
+would be smaller than what the user meets. Five examples of one action are taken for another
+action all together or not at all, so they count as one *motion* where intervals are computed and
+where a threshold is recommended. Negatives count one by one; they should be varied.
 
-How many clips there are is not how much they tell: five examples of one action are taken for
-another action all together or not at all. So they count as one *motion* where intervals are
-computed and where a threshold is recommended. Negatives count one by one; they should be varied.
-
-What the figures cannot tell: examples of one person and one session make false rejects look rarer
-than they are for other people and other days. A motion of the cohort may happen to show an
-enrolled action, which counts as a false accept, and the weights were trained on the cohort's
-motions.
+Limits: examples of one person and one session make false rejects look rarer than they are for
+other people and days. A motion of the cohort may happen to show an enrolled action, and the
+weights were trained on the cohort's motions.
 """
 
 from __future__ import annotations
@@ -28,7 +25,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import nan, sqrt
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,11 +33,9 @@ from actioncli.clips.clip import FloatArray
 from actioncli.errors import SupportError
 from actioncli.recognition.recognizer import Recognizer
 
-KINDS = ("actions", "negatives", "cohort")
-
+KNOWN, KINDS = "known", ("actions", "negatives", "cohort")
 # Queries compared at once: enough for full speed, few enough for progress to be seen.
 _BATCH = 64
-
 _Z95 = 1.959964  # standard normal quantile of a two-sided 95 % interval
 
 Progress = Callable[[Sequence[int]], Iterable[int]]
@@ -77,6 +71,12 @@ class Rate:
             1.0 if self.count == self.of else min(1.0, middle + half),
         )
 
+    def __str__(self) -> str:
+        if not self.of:
+            return "none asked"
+        low, high = self.interval
+        return f"{self.count}/{self.of} {self.rate:4.0%} ({low * 100:.0f}-{high:.0%})"
+
     def to_json(self) -> dict[str, object]:
         """As plain values."""
         low, high = self.interval
@@ -84,65 +84,37 @@ class Rate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Queries:
-    """N clips as `classify` decides them.
+class Trials:
+    """N queries as a support set of K actions decides them.
 
     Attributes:
+        labels: (K,) names of the actions.
+        examples: (K,) how many examples each has.
+        kind: (N,) `KNOWN`, or one of `KINDS`.
         score: (N,) confidence of the nearest action; 0, which no threshold accepts, where a
             negative is nearer.
         nearest: (N,) number of that action.
-        motion: (N,) queries with the same number show the same motion.
+        shown: (N,) number of the action that a known query shows; -1 of unknown queries.
+        motion: (N,) unknown queries of equal number show the same motion, as do known ones.
     """
 
+    labels: tuple[str, ...]
+    examples: tuple[int, ...]
+    kind: NDArray[np.str_]
     score: FloatArray
     nearest: NDArray[np.intp]
+    shown: NDArray[np.intp]
     motion: NDArray[np.intp]
 
-    def __len__(self) -> int:
-        return len(self.score)
-
-    @property
-    def motions(self) -> int:
-        """How many different motions they show."""
-        return len(np.unique(self.motion))
-
-    def of(self, chosen: NDArray[np.bool_]) -> Queries:
-        """Those for which `chosen` (N,) is true."""
-        return Queries(self.score[chosen], self.nearest[chosen], self.motion[chosen])
+    def motions(self, asked: NDArray[np.bool_]) -> int:
+        """How many different motions queries (N,) show."""
+        return len(np.unique(self.motion[asked]))
 
     def accepted(self, tau: ArrayLike) -> NDArray[np.bool_]:
         """(N,), under one threshold or under those of the K actions."""
         taus = np.asarray(tau)
         accepted: NDArray[np.bool_] = self.score > (taus[self.nearest] if taus.ndim else taus)
         return accepted
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trials:
-    """What was asked of a support set of K actions, and what came back.
-
-    Attributes:
-        labels: (K,) names of the actions.
-        examples: (K,) how many examples each has.
-        known: one query for each example that is not the only one of its action.
-        shown: (N,) number of the action that each known query shows.
-        unknown: the queries that show no enrolled action, by kind.
-    """
-
-    labels: tuple[str, ...]
-    examples: tuple[int, ...]
-    known: Queries
-    shown: NDArray[np.intp]
-    unknown: Mapping[str, Queries]
-
-    def all_unknown(self) -> Queries:
-        """The unknown queries of all kinds."""
-        parts = self.unknown.values()
-        return Queries(
-            np.concatenate([part.score for part in parts]),
-            np.concatenate([part.nearest for part in parts]),
-            np.concatenate([part.motion for part in parts]),
-        )
 
     def false_accepts(
         self, tau: ArrayLike, kind: str | None = None, action: int | None = None
@@ -154,20 +126,22 @@ class Trials:
             kind: count those of one kind only.
             action: count those nearest to one action only.
         """
-        queries = self.all_unknown() if kind is None else self.unknown[kind]
+        asked = (self.kind != KNOWN) if kind is None else (self.kind == kind)
         if action is not None:
-            queries = queries.of(queries.nearest == action)
-        return Rate(int(queries.accepted(tau).sum()), len(queries), queries.motions)
+            asked = asked & (self.nearest == action)
+        return self._rate(self.accepted(tau), asked)
 
     def false_rejects(self, tau: ArrayLike, action: int | None = None) -> Rate:
         """Known queries, of one action or of all, that are rejected."""
-        queries = self.known if action is None else self.known.of(self.shown == action)
-        return Rate(int((~queries.accepted(tau)).sum()), len(queries), queries.motions)
+        asked = (self.kind == KNOWN) if action is None else (self.shown == action)
+        return self._rate(~self.accepted(tau), asked)
 
     def misnamed(self, tau: ArrayLike) -> Rate:
         """Known queries that are accepted as another action than the one they show."""
-        wrong = self.known.accepted(tau) & (self.known.nearest != self.shown)
-        return Rate(int(wrong.sum()), len(wrong), self.known.motions)
+        return self._rate(self.accepted(tau) & (self.nearest != self.shown), self.kind == KNOWN)
+
+    def _rate(self, counted: NDArray[np.bool_], asked: NDArray[np.bool_]) -> Rate:
+        return Rate(int((counted & asked).sum()), int(asked.sum()), self.motions(asked))
 
 
 def run_trials(
@@ -177,7 +151,7 @@ def run_trials(
     others: FloatArray,
     progress: Progress = iter,
 ) -> Trials:
-    """Ask the enrolled examples, the negatives and the cohort of the support set.
+    """Decide about the enrolled examples, the negatives and the cohort.
 
     Args:
         recognizer: whose confidences are calibrated; it also brings the cohort.
@@ -192,78 +166,63 @@ def run_trials(
     """
     if not support:
         raise SupportError("the support set is empty; enrol an action first.")
-    counts = [len(examples) for examples in support.values()]
-    shown = np.repeat(np.arange(len(counts)), counts)
+    labels, counts = tuple(support), [len(examples) for examples in support.values()]
     examples = np.concatenate(list(support.values()))
-    others = others[[not _among(other, negatives) for other in others]]
-    queries = np.concatenate([examples, negatives, others, recognizer.cohort])
+    fresh = [not any(np.array_equal(other, negative) for negative in negatives) for other in others]
+    clips = np.concatenate([examples, negatives, others[fresh], recognizer.cohort])
+    distance, confidence, away = _compare(recognizer, clips, support, negatives, progress)
 
-    distance, confidence, shadow = _compare(recognizer, queries, support, negatives, progress)
-    n, m = len(examples), len(examples) + len(negatives) + len(others)
-    motion = np.concatenate([shown, len(counts) + np.arange(len(queries) - n)])
-    unknown = {
-        "negatives": _decide(distance[n:m], confidence[n:m], shadow[n:m], motion[n:m]),
-        "cohort": _decide(distance[m:], confidence[m:], shadow[m:], motion[m:]),
-    }
-    own = (np.arange(n), shown)
-    apart = distance[:n].copy()
-    apart[own] = np.inf
-    asked = slice(n if len(counts) > 1 else 0)  # one action leaves no other to be taken for
-    unknown["actions"] = _decide(apart[asked], confidence[asked], shadow[asked], motion[asked])
+    n = len(examples)
+    action = np.repeat(np.arange(len(counts)), counts)
+    left = np.flatnonzero(np.array(counts)[action] > 1)
+    apart = np.arange(n if len(counts) > 1 else 0)  # one action leaves no other to be taken for
+    sizes = len(left), len(apart), len(clips) - n - len(recognizer.cohort), len(recognizer.cohort)
+    kind = np.repeat([KNOWN, *KINDS], sizes)
+    clip = np.concatenate([left, apart, np.arange(n, len(clips))])
+    distance, confidence = distance[clip], confidence[clip]
+    for row, example in enumerate(progress(left.tolist())):
+        own = int(action[example])
+        first = sum(counts[:own])
+        rest = np.delete(support[labels[own]], example - first, axis=0)
+        compared = recognizer.compare(clips[[example]], {labels[own]: rest})
+        distance[row, own] = compared.distance[0, 0]
+        confidence[row, own] = compared.confidence[0, 0]
+    distance[len(left) + apart, action[apart]] = np.inf
 
-    left = np.flatnonzero(np.asarray(counts)[shown] > 1)
-    rows, sure = distance[:n].copy(), confidence[:n].copy()
-    first = np.cumsum([0, *counts])
-    for example in progress(left.tolist()):
-        action = int(shown[example])
-        label = list(support)[action]
-        rest = np.delete(support[label], example - first[action], axis=0)
-        compared = recognizer.compare(examples[[example]], {label: rest})
-        rows[example, action] = compared.distance[0, 0]
-        sure[example, action] = compared.confidence[0, 0]
+    # The nearest action, as `classify` chooses it.
+    nearest = distance.argmin(axis=1)
+    at = np.arange(len(clip)), nearest
+    motion = np.concatenate([action, len(counts) + np.arange(len(clips) - n)])[clip]
     return Trials(
-        labels=tuple(support),
+        labels=labels,
         examples=tuple(counts),
-        # Examples are rejected one by one, for being bad ones.
-        known=_decide(rows[left], sure[left], shadow[left], np.arange(len(left))),
-        shown=shown[left],
-        unknown={kind: unknown[kind] for kind in KINDS},
+        kind=kind,
+        score=np.where(away[clip] < distance[at], 0.0, confidence[at]),
+        nearest=nearest,
+        shown=np.concatenate([action[left], np.full(len(clip) - len(left), -1)]),
+        # Known examples are rejected one by one, for being bad ones.
+        motion=np.where(kind == KNOWN, clip, motion),
     )
 
 
 def _compare(
     recognizer: Recognizer,
-    queries: FloatArray,
+    clips: FloatArray,
     support: Mapping[str, FloatArray],
     negatives: FloatArray,
     progress: Progress,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Distance and confidence (Q, K), and the distance to the nearest other negative (Q,)."""
     apart = {str(n): negatives[n : n + 1] for n in range(len(negatives))}
-    distances, confidences, shadows = [], [], []
-    for start in progress(range(0, len(queries), _BATCH)):
-        batch = queries[start : start + _BATCH]
-        compared = recognizer.compare(batch, support)
-        distances.append(compared.distance)
-        confidences.append(compared.confidence)
-        shadow: NDArray[Any] = np.full(len(batch), np.inf)
+    found, away = [], []
+    for start in progress(range(0, len(clips), _BATCH)):
+        batch = clips[start : start + _BATCH]
+        found.append(recognizer.compare(batch, support))
+        nearest = np.full(len(batch), np.inf, np.float32)
         if apart:
-            away = recognizer.compare(batch, apart).distance
-            same = [[np.array_equal(query, negative) for negative in negatives] for query in batch]
-            shadow = np.where(same, np.inf, away).min(axis=1)
-        shadows.append(shadow)
-    return np.concatenate(distances), np.concatenate(confidences), np.concatenate(shadows)
-
-
-def _among(clip: FloatArray, clips: FloatArray) -> bool:
-    return any(np.array_equal(clip, other) for other in clips)
-
-
-def _decide(
-    distance: FloatArray, confidence: FloatArray, shadow: FloatArray, motion: NDArray[np.intp]
-) -> Queries:
-    """The nearest action of each query, as `classify` chooses it."""
-    nearest = distance.argmin(axis=1)
-    rows = np.arange(len(nearest))
-    score = np.where(shadow < distance[rows, nearest], 0.0, confidence[rows, nearest])
-    return Queries(score, nearest, motion)
+            same = [[np.array_equal(clip, negative) for negative in negatives] for clip in batch]
+            distance = recognizer.compare(batch, apart).distance
+            nearest = np.where(same, np.inf, distance).min(axis=1)
+        away.append(nearest)
+    distances = np.concatenate([each.distance for each in found])
+    return distances, np.concatenate([each.confidence for each in found]), np.concatenate(away)

@@ -17,8 +17,7 @@ from actioncli.errors import ClipError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from actioncli.calibration.threshold import Recommendation
-    from actioncli.calibration.trials import Rate, Trials
+    from actioncli.calibration.threshold import Calibration
     from actioncli.clips.clip import FloatArray
     from actioncli.recognition.recognizer import Recognizer
 
@@ -105,8 +104,7 @@ def calibrate(
         from actioncli.report.figures import check_folder
 
         check_folder(report)
-    from actioncli.calibration.threshold import recommend
-    from actioncli.calibration.trials import run_trials
+    from actioncli.calibration import threshold as calibration
     from actioncli.recognition.recognizer import Recognizer
     from actioncli.recognition.support import SupportSet
     from actioncli.recognition.threshold import Threshold, keep_threshold
@@ -117,46 +115,40 @@ def calibrate(
         support = SupportSet.load(store, recognizer)
         support.require_actions()
         others, failed = _read(settings, reading, recognizer, negatives or [])
-        trials = run_trials(
-            recognizer,
-            support.actions,
-            support.negatives,
+        found = calibration.calibrate(
+            support,
             others,
+            target_far,
+            per_action,
             lambda steps: progress(steps, "Comparing", shown=not settings.quiet),
         )
-        found = recommend(trials, target_far, per_action)
-        notes = list(found.notes)
-        if support.foreign_threshold is not None:
-            last = support.foreign_threshold.tau
-            notes.append(f"The kept threshold, {last:g}, was measured with other weights.")
+        kept = Threshold(found.tau, checksum, found.actions) if found.measured else None
         if not dry_run:
-            keep_threshold(
-                store, Threshold(found.tau, checksum, found.actions) if found.measured else None
-            )
-
+            keep_threshold(store, kept)
+    own = f", and {plural(len(found.actions), 'action')} one of its own" if found.actions else ""
+    outcome = f"tau {found.tau:g}, as without calibration: nothing else can be told"
+    if found.measured:
+        use = "not kept" if dry_run else "kept, classify uses it unless --tau is given"
+        outcome = f"tau {found.tau:g}{own}: {use}"
     document = {
-        "tau": found.tau,
-        "measured": found.measured,
+        **found.to_json(),
         "kept": found.measured and not dry_run,
-        "target_far": target_far,
         "weights": checksum,
-        **_figures(trials, found),
-        "notes": notes,
         "failed": failed,
     }
     if report is not None:
         from actioncli.report.calibration import write_calibration
 
-        page = write_calibration(report, trials, found, _outcome(found, dry_run), document)
+        page = write_calibration(report, found, outcome, document)
         settings.tell(f"report: {printable(page)}")
     if settings.json:
         write_json(document)
     else:
         if not settings.quiet:
-            _print(trials, found, per_action)
-        for line in notes:
+            _print(found, per_action)
+        for line in found.notes:
             settings.tell(f"note: {printable(line)}")
-        say(_outcome(found, dry_run))
+        say(outcome)
     if failed:
         raise typer.Exit(ClipError.exit_code)
 
@@ -195,100 +187,21 @@ def _read(
     return np.concatenate(embeddings), failed
 
 
-def _rows(trials: Trials, found: Recommendation) -> list[tuple[float, Rate, Rate, Rate]]:
-    """The table over tau: false accepts, false rejects, and what was named wrongly."""
-    from actioncli.calibration.threshold import TAUS
-
-    return [
-        (tau, trials.false_accepts(tau), trials.false_rejects(tau), trials.misnamed(tau))
-        for tau in sorted({*TAUS, found.tau})
-    ]
-
-
-def _thresholds(trials: Trials, found: Recommendation) -> list[float]:
-    """The threshold of each action."""
-    return [found.actions.get(label, found.tau) for label in trials.labels]
-
-
-def _figures(trials: Trials, found: Recommendation) -> dict[str, object]:
-    taus = _thresholds(trials, found)
-    return {
-        "table": [
-            {
-                "tau": tau,
-                "false_accepts": accepts.to_json(),
-                "false_rejects": rejects.to_json(),
-                "misnamed": misnamed.to_json(),
-            }
-            for tau, accepts, rejects, misnamed in _rows(trials, found)
-        ],
-        "unknown": [
-            {"kind": kind, "false_accepts": trials.false_accepts(taus, kind).to_json()}
-            for kind in trials.unknown
-        ],
-        "actions": [
-            {
-                "label": label,
-                "examples": trials.examples[action],
-                "tau": taus[action],
-                "false_accepts": trials.false_accepts(taus, action=action).to_json(),
-                "false_rejects": trials.false_rejects(taus, action).to_json(),
-            }
-            for action, label in enumerate(trials.labels)
-        ],
-    }
-
-
-def _print(trials: Trials, found: Recommendation, per_action: bool) -> None:
+def _print(found: Calibration, per_action: bool) -> None:
+    figures = found.figures()
     header = ("tau", "false accepts", "false rejects", "misnamed", "")
-    rows = [
-        (
-            f"{tau:g}",
-            *map(_cell, rates),
-            "<- recommended" if found.measured and tau == found.tau else "",
-        )
-        for tau, *rates in _rows(trials, found)
-    ]
+    rows = []
+    for row in figures["table"]:
+        tau, *rates = row.values()
+        mark = "<- recommended" if found.measured and tau == found.tau else ""
+        rows.append((f"{tau:g}", *rates, mark))
     say(table(header, rows))
-    taus = _thresholds(trials, found)
     say()
-    say(
-        table(
-            (f"clips that show none, tau {found.tau:g}", "false accepts"),
-            [(what, _cell(trials.false_accepts(taus, kind))) for kind, what in _KINDS.items()],
-        )
-    )
+    kinds = [(_KINDS[row["kind"]], row["false_accepts"]) for row in figures["unknown"]]
+    say(table((f"clips that show none, tau {found.tau:g}", "false accepts"), kinds))
     if per_action:
+        rows = [tuple(row.values()) for row in figures["actions"]]
+        rows = [(label, examples, f"{tau:g}", *rates) for label, examples, tau, *rates in rows]
         say()
-        say(
-            table(
-                ("action", "examples", "tau", "false accepts", "false rejects"),
-                [
-                    (
-                        label,
-                        trials.examples[action],
-                        f"{taus[action]:g}",
-                        _cell(trials.false_accepts(taus, action=action)),
-                        _cell(trials.false_rejects(taus, action)),
-                    )
-                    for action, label in enumerate(trials.labels)
-                ],
-            )
-        )
+        say(table(("action", "examples", "tau", "false accepts", "false rejects"), rows))
     say()
-
-
-def _cell(rate: Rate) -> str:
-    if not rate.of:
-        return "none asked"
-    low, high = rate.interval
-    return f"{rate.count}/{rate.of} {rate.rate:4.0%} ({low * 100:.0f}-{high:.0%})"
-
-
-def _outcome(found: Recommendation, dry_run: bool) -> str:
-    own = f", and {plural(len(found.actions), 'action')} one of its own" if found.actions else ""
-    if not found.measured:
-        return f"tau {found.tau:g}, as without calibration: nothing else can be told"
-    if dry_run:
-        return f"tau {found.tau:g}{own}: not kept"
-    return f"tau {found.tau:g}{own}: kept, classify uses it unless --tau is given"

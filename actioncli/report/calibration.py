@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from actioncli.calibration.threshold import Recommendation
-from actioncli.calibration.trials import Trials
+from actioncli.calibration.threshold import Calibration
+from actioncli.calibration.trials import KNOWN, Trials
 from actioncli.report.figures import Row, write_folder
 from actioncli.report.page import page, table
 from actioncli.report.plots import SHARES, Axis, Plot, fitting
@@ -21,8 +21,7 @@ _BINS = np.linspace(0, 1, 21)
 
 def write_calibration(
     folder: Path,
-    trials: Trials,
-    found: Recommendation,
+    found: Calibration,
     outcome: str,
     document: Mapping[str, Any],
 ) -> Path:
@@ -30,15 +29,14 @@ def write_calibration(
 
     Args:
         folder: new, empty, or an earlier report.
-        trials: what was asked.
-        found: what came of it.
+        found: the threshold, and the trials behind it.
         outcome: the same in words.
         document: as `calibrate --json` has it.
 
     Raises:
         UsageError: the folder holds something else, or cannot be written.
     """
-    body = "\n".join(_sections(trials, found, outcome, document))
+    body = "\n".join(_sections(found, outcome, document))
     rows = {
         "rates": [{"tau": line["tau"], **_flat(line)} for line in document["table"]],
         "unknown": [{"kind": line["kind"], **_flat(line)} for line in document["unknown"]],
@@ -46,14 +44,12 @@ def write_calibration(
             {key: line[key] for key in ("label", "examples", "tau")} | _flat(line)
             for line in document["actions"]
         ],
-        "scores": _scores(trials),
+        "scores": _scores(found.trials),
     }
     return write_folder(folder, page("Calibration", body), document, rows)
 
 
-def _sections(
-    trials: Trials, found: Recommendation, outcome: str, document: Mapping[str, Any]
-) -> Iterator[str]:
+def _sections(found: Calibration, outcome: str, document: Mapping[str, Any]) -> Iterator[str]:
     yield "<h1>Calibration</h1>"
     yield f'<p class="verdict{" yes" if found.measured else ""}">{escape(outcome)}.</p>'
     yield (
@@ -62,7 +58,7 @@ def _sections(
         f"wanted rate of false accepts is {document['target_far']:g}.</p>"
     )
     yield "<h2>What each threshold would do</h2>"
-    yield f'<div class="plots">{_rates(trials, found)}{_histogram(trials, found)}</div>'
+    yield f'<div class="plots">{_rates(found)}{_histogram(found)}</div>'
     if document["notes"]:
         lines = "".join(f"<li>{escape(note)}</li>" for note in document["notes"])
         yield f"<h2>What the figures cannot tell</h2><ul>{lines}</ul>"
@@ -101,7 +97,8 @@ def _sections(
     )
 
 
-def _rates(trials: Trials, found: Recommendation) -> str:
+def _rates(found: Calibration) -> str:
+    trials = found.trials
     plot = Plot(
         "False accepts and false rejects over τ",
         Axis("threshold τ", 0, 1, SHARES),
@@ -118,15 +115,16 @@ def _rates(trials: Trials, found: Recommendation) -> str:
         plot.band(_GRID, low, high, series)
         plot.line(_GRID, [rate.rate for rate in rates], series, name)
     plot.rule(found.tau, f"τ {found.tau:g}")
-    unasked = "" if len(trials.known) else " False rejects could not be asked."
+    unasked = "" if (trials.kind == KNOWN).any() else " False rejects could not be asked."
     return plot.html(f"Bands: 95 % intervals (Wilson).{unasked}")
 
 
-def _histogram(trials: Trials, found: Recommendation) -> str:
+def _histogram(found: Calibration) -> str:
+    trials = found.trials
     shares = []
-    for queries in (trials.all_unknown(), trials.known):
-        counted, _ = np.histogram(queries.score, _BINS)
-        shares.append(counted / max(len(queries), 1))
+    for asked in (trials.kind != KNOWN, trials.kind == KNOWN):
+        counted, _ = np.histogram(trials.score[asked], _BINS)
+        shares.append(counted / max(asked.sum(), 1))
     top = max(float(share.max()) for share in shares)
     plot = Plot(
         "Confidence of the nearest action",
@@ -140,11 +138,9 @@ def _histogram(trials: Trials, found: Recommendation) -> str:
 
 
 def _scores(trials: Trials) -> list[Row]:
-    asked = [("known", trials.known), *trials.unknown.items()]
     return [
-        {"kind": kind, "nearest": trials.labels[nearest], "confidence": float(score)}
-        for kind, queries in asked
-        for nearest, score in zip(queries.nearest, queries.score, strict=True)
+        {"kind": str(kind), "nearest": trials.labels[nearest], "confidence": float(score)}
+        for kind, nearest, score in zip(trials.kind, trials.nearest, trials.score, strict=True)
     ]
 
 
@@ -167,5 +163,5 @@ def _cell(rate: Mapping[str, Any]) -> str:
     )
 
 
-def _is_recommended(line: Mapping[str, Any], found: Recommendation) -> bool:
+def _is_recommended(line: Mapping[str, Any], found: Calibration) -> bool:
     return found.measured and bool(np.isclose(line["tau"], found.tau))

@@ -1,48 +1,38 @@
 """Calibration: what is recommended."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from actioncli import Recognizer, read_collection
 from actioncli.calibration.threshold import recommend
-from actioncli.calibration.trials import KINDS, Queries, Rate, Trials, run_trials
+from actioncli.calibration.trials import KINDS, KNOWN, Rate, Trials, run_trials
 
 
 def trials_of(
-    actions: list[tuple[float, int]],
-    negatives: list[tuple[float, int]] | None = None,
-    cohort: list[tuple[float, int]] | None = None,
-    known: list[tuple[float, int, int]] | None = None,
+    actions: Sequence[tuple[float, int]],
+    negatives: Sequence[tuple[float, int]] = (),
+    cohort: Sequence[tuple[float, int]] = (),
+    known: Sequence[tuple[float, int, int]] = (),
+    alike: int = 1,
 ) -> Trials:
-    """Trials of two actions with given (score, nearest) and, where known, (.., shown)."""
-
-    def queries(rows: list[tuple[float, int]]) -> Queries:
-        table = np.array(rows, np.float64).reshape(-1, 2)
-        return Queries(table[:, 0], table[:, 1].astype(np.intp), next_motions(len(table)))
-
-    counter = iter(range(10_000))
-
-    def next_motions(n: int) -> NDArray[np.intp]:
-        return np.array([next(counter) for _ in range(n)], np.intp)
-
-    known = known or []
-    shown = np.array([each[2] for each in known], np.intp)
+    """Trials of two actions with given (score, nearest) and, where known, (.., shown); so many
+    in a row are one motion."""
+    rows = [*known, *((*row, -1) for row in [*actions, *negatives, *cohort])]
+    score, nearest, shown = np.array(rows, np.float64).reshape(-1, 3).T
     return Trials(
         labels=("a", "b"),
         examples=(1 + int((shown == 0).sum()), 1 + int((shown == 1).sum())),
-        known=queries([(score, nearest) for score, nearest, _ in known]),
-        shown=shown,
-        unknown={
-            "actions": queries(actions),
-            "negatives": queries(negatives or []),
-            "cohort": queries(cohort or []),
-        },
+        kind=np.repeat([KNOWN, *KINDS], list(map(len, (known, actions, negatives, cohort)))),
+        score=score,
+        nearest=nearest.astype(np.intp),
+        shown=shown.astype(np.intp),
+        motion=np.arange(len(rows)) // alike,
     )
 
 
@@ -85,16 +75,7 @@ def test_the_next_motion_is_accepted_as_rarely_as_wanted() -> None:
 
 
 def test_clips_of_one_motion_are_not_many_motions() -> None:
-    score = np.repeat([0.9, 0.1], [5, 45])
-    queries = Queries(score, np.zeros(50, np.intp), np.repeat(np.arange(10), 5))
-    nothing = trials_of([]).unknown["cohort"]
-    trials = Trials(
-        ("a", "b"),
-        (1, 1),
-        known=nothing,
-        shown=np.array([], np.intp),
-        unknown={"actions": queries, "negatives": nothing, "cohort": nothing},
-    )
+    trials = trials_of([(0.9, 0)] * 5 + [(0.1, 0)] * 45, alike=5)
     # 5 of 50 clips are above 0.1, but they are one motion of ten.
     assert recommend(trials, 0.1).tau == 0.9
     assert recommend(trials, 0.2).tau == 0.1
@@ -221,7 +202,7 @@ def test_an_action_with_full_confidence_in_strangers_gets_no_threshold_of_its_ow
     assert (certain.tau, certain.actions) == (0.1, {"a": 0.1})
 
 
-def test_a_shadowed_query_is_accepted_by_no_threshold() -> None:
+def test_a_query_nearer_to_a_negative_is_accepted_by_no_threshold() -> None:
     assert trials_of([(0.0, 0)]).false_accepts(0.0) == Rate(0, 1, 1)
 
 

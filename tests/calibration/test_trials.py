@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from actioncli import Recognizer, SupportError, read_clip
 from actioncli.calibration.threshold import recommend
-from actioncli.calibration.trials import Rate, run_trials
+from actioncli.calibration.trials import KINDS, KNOWN, Rate, run_trials
 from actioncli.clips.clip import FloatArray
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -92,9 +92,10 @@ def test_queries_are_answered_as_classify_answers_them(
                 known.append(told(example, {**support, label: rest}, negatives))
                 shown.append(number)
             strangers.append(told(example, others_only, negatives))
-    np.testing.assert_allclose(trials.known.score, known, rtol=1e-4, atol=1e-6)
-    np.testing.assert_array_equal(trials.shown, shown)
-    np.testing.assert_allclose(trials.unknown["actions"].score, strangers, rtol=1e-4, atol=1e-6)
+    score = {kind: trials.score[trials.kind == kind] for kind in (KNOWN, *KINDS)}
+    np.testing.assert_allclose(score[KNOWN], known, rtol=1e-4, atol=1e-6)
+    np.testing.assert_array_equal(trials.shown[trials.kind == KNOWN], shown)
+    np.testing.assert_allclose(score["actions"], strangers, rtol=1e-4, atol=1e-6)
     clips = trials.false_accepts(0, "actions")
     assert (clips.of, clips.motions) == (len(strangers), len(support))
     # A negative is not compared with itself, and one that was also given counts once.
@@ -102,12 +103,11 @@ def test_queries_are_answered_as_classify_answers_them(
         told(negative, support, np.delete(negatives, n, axis=0))
         for n, negative in enumerate(negatives)
     ] + [told(other, support, negatives) for other in folders["jumping_jack"]]
-    np.testing.assert_allclose(trials.unknown["negatives"].score, asked, rtol=1e-4, atol=1e-6)
-    assert len(trials.unknown["cohort"]) == len(recognizer.cohort)
+    np.testing.assert_allclose(score["negatives"], asked, rtol=1e-4, atol=1e-6)
+    assert len(score["cohort"]) == len(recognizer.cohort)
     # Negatives, other clips and the cohort's are a motion each.
-    unknown = trials.all_unknown()
-    assert unknown.motions == len(support) + len(asked) + len(recognizer.cohort)
-    assert len(unknown) == len(unknown.nearest) == len(unknown.motion)
+    motions = len(support) + len(asked) + len(recognizer.cohort)
+    assert trials.motions(trials.kind != KNOWN) == motions
 
 
 def test_as_near_to_a_negative_as_to_the_action_is_no_rejection(
@@ -117,7 +117,7 @@ def test_as_near_to_a_negative_as_to_the_action_is_no_rejection(
     trials = run_trials(recognizer, {"squat": squat}, squat, query)
     told = recognizer.classify(query[0], {"squat": squat}, 0, squat)
     assert told.accepted
-    assert trials.unknown["negatives"].score[1] == pytest.approx(told.confidence, rel=1e-4)
+    assert trials.score[trials.kind == "negatives"][1] == pytest.approx(told.confidence, rel=1e-4)
 
 
 def test_one_example_an_action_tells_false_accepts_only(
@@ -139,11 +139,11 @@ def test_one_action_meets_no_other(
 ) -> None:
     none = recognizer.embed([])
     trials = run_trials(recognizer, {"squat": folders["squat"]}, none, none)
-    assert len(trials.unknown["actions"]) == 0
+    assert not (trials.kind == "actions").any()
     assert trials.false_rejects(1) == Rate(3, 3, 3)
     two = {name: folders[name] for name in ("squat", "bow")}
-    met = run_trials(recognizer, two, none, none).unknown["actions"]
-    assert len(met) == sum(map(len, two.values()))
+    met = run_trials(recognizer, two, none, none).false_accepts(0, "actions")
+    assert met.of == sum(map(len, two.values()))
 
 
 def test_an_example_may_be_nearer_to_another_action_than_to_the_rest_of_its_own(
@@ -152,7 +152,7 @@ def test_an_example_may_be_nearer_to_another_action_than_to_the_rest_of_its_own(
     none = recognizer.embed([])
     mixed = np.concatenate([folders["bow"][:1], folders["squat"][:1]])
     trials = run_trials(recognizer, {"mixed": mixed, "squat": folders["squat"][1:]}, none, none)
-    assert trials.known.nearest[1] == 1
+    assert trials.nearest[trials.kind == KNOWN][1] == 1
     assert trials.misnamed(0).count >= 1
 
 

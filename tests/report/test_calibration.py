@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from actioncli import SupportStore, UsageError, read_clip
-from actioncli.calibration.threshold import Recommendation
-from actioncli.calibration.trials import Queries, Trials
+from actioncli.calibration.threshold import Calibration
+from actioncli.calibration.trials import Trials
 from actioncli.report.calibration import write_calibration
 
 from .browser import accessible, ask, needs_chromium
@@ -27,23 +27,18 @@ DOCUMENT = {
 }  # fmt: skip
 
 
-def queries(*scores: float) -> Queries:
-    number = np.arange(len(scores))
-    return Queries(np.array(scores, float), np.zeros(len(scores), np.intp), number)
+def trials(*scores: float) -> Trials:
+    numbers, kinds = np.arange(len(scores)), np.full(len(scores), "cohort")
+    return Trials(
+        ("<i>bow",), (1,), kinds, np.array(scores, float), 0 * numbers, 0 * numbers - 1, numbers
+    )
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    trials = Trials(
-        labels=("<i>bow",),
-        examples=(1,),
-        known=queries(),
-        shown=np.zeros(0, np.intp),
-        unknown={"cohort": queries(0.1, 0.3, 0.5, 0.9)},
-    )
-    found = Recommendation(0.6, True, {}, ("<few> clips",))
+    found = Calibration(trials(0.1, 0.3, 0.5, 0.9), 0.05, 0.6, True, {}, ("<few> clips",))
     target = tmp_path / "report"
-    assert write_calibration(target, trials, found, "tau 0.6: kept", DOCUMENT).is_file()
+    assert write_calibration(target, found, "tau 0.6: kept", DOCUMENT).is_file()
     return target
 
 
@@ -76,12 +71,10 @@ def test_the_page_is_for_everyone(folder: Path) -> None:
 
 
 def test_it_does_not_write_over_something_else(folder: Path, tmp_path: Path) -> None:
-    found = Recommendation(0.5, False, {}, ())
-    trials = Trials((), (), queries(), np.zeros(0, np.intp), {"cohort": queries()})
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "index.html").touch()
     with pytest.raises(UsageError, match="holds something else"):
-        write_calibration(tmp_path / "mine", trials, found, "", DOCUMENT)
+        write_calibration(tmp_path / "mine", Calibration(trials(), 0.05), "", DOCUMENT)
 
 
 def test_the_command_writes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
