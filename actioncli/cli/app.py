@@ -25,7 +25,15 @@ from typer.exceptions import TyperException
 
 from actioncli._version import __version__
 from actioncli.cli.command import DebugOption, JsonOption, QuietOption, Settings, StoreOption
-from actioncli.cli.output import OutputError, error_entry, note, printable, say, write_json
+from actioncli.cli.output import (
+    OutputError,
+    error_entry,
+    note,
+    output_errors,
+    printable,
+    say,
+    write_json,
+)
 from actioncli.errors import ActionCliError, UsageError
 
 # Name to module and function, in the order of the help.
@@ -60,30 +68,19 @@ EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 
 
-def _build(name: str) -> TyperCommand:
+def _build(name: str) -> Any:
     module, _, function = COMMANDS[name].partition(":")
     single = typer.Typer(add_completion=False, rich_markup_mode=None)
     single.command(name, cls=Command)(getattr(import_module(module), function))
-    built = typer.main.get_command(single)
-    assert isinstance(built, TyperCommand)
-    return built
+    return typer.main.get_command(single)
 
 
 class Command(TyperCommand):
-    """A command whose help may find nowhere to go."""
+    """A command; its help may find nowhere to go."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the words; where they ask for help, it is written here.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        try:
+        with output_errors():
             return super().parse_args(ctx, args)
-        except BrokenPipeError:
-            raise
-        except OSError as failed:
-            raise OutputError(f"the output cannot be written: {failed.strerror}.") from failed
 
 
 class Application(TyperGroup):
@@ -92,92 +89,77 @@ class Application(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         return list(COMMANDS)
 
-    def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand | None:
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
         # An unknown name loads them all, so that Typer can suggest the one that was meant.
         for name in [cmd_name] if cmd_name in COMMANDS else COMMANDS:
             if name not in self.commands:
                 self.commands[name] = _build(name)
-        found = self.commands.get(cmd_name)
-        return found if isinstance(found, TyperCommand) else None
+        return self.commands.get(cmd_name)
 
-    def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        with output_errors():
+            return super().parse_args(ctx, args)
+
+    def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run, and end the process with an exit code."""
         _replace_closed_streams()
-        with _ended_like_ctrl_c():
-            self._main(args, *rest, **extra)
-
-    def _main(self, args: Sequence[str] | None, *rest: Any, **extra: Any) -> NoReturn:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 # A label that the terminal's encoding lacks is escaped, not an error.
                 stream.reconfigure(errors="backslashreplace")
-        given = list(sys.argv[1:] if args is None else args)
-        extra["standalone_mode"] = False
+        words = list(sys.argv[1:] if args is None else args)
         try:
-            code = super().main(args, *rest, **extra)
+            with _ended_like_ctrl_c():
+                code = super().main(args, *rest, **{**extra, "standalone_mode": False})
         except TyperException as error:
-            # What was typed is no command line: the options are not known, only the words.
-            words = given[: given.index("--")] if "--" in given else given
+            # What was typed is no command line: there are no options, only words.
+            words = words[: words.index("--")] if "--" in words else words
             command = getattr(getattr(error, "ctx", None), "command_path", "actioncli")
-            said = error.format_message()
-            message = f"{said}{'' if said.endswith(('.', '?')) else '.'} See '{command} --help'."
-            told = Settings(json="--json" in words, debug="--debug" in words)
-            code = _report(UsageError(message), EXIT_USAGE, told)
-        except typer.Abort as error:
-            code = _report(error, EXIT_INTERRUPTED, Settings(), "interrupted")
-        except (OutputError, OSError) as failed:
-            # Help and version are written while the command line is read.
-            _drop_output()
-            if isinstance(failed, OSError):
-                failed = OutputError(f"the output cannot be written: {failed.strerror}.")
-            code = _report(failed, failed.exit_code, Settings())
+            wrong = error.format_message()
+            message = f"{wrong}{'' if wrong.endswith(('.', '?')) else '.'} See '{command} --help'."
+            settings = Settings(json="--json" in words, debug="--debug" in words)
+            code = _report(UsageError(message), settings)
+        except (typer.Abort, OutputError) as error:
+            code = _report(error, Settings())
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command.
 
         Raises:
-            typer.Exit: whatever went wrong, with its exit code, after it has been told.
+            typer.Exit: whatever went wrong, with its exit code, after it has been reported.
         """
         try:
             super().invoke(ctx)
-        except OutputError as error:
-            _drop_output()
-            code = _report(error, error.exit_code, Settings())
-        except ActionCliError as error:
-            code = _report(error, error.exit_code, ctx.obj)
-        except KeyboardInterrupt as error:
-            code = _report(error, EXIT_INTERRUPTED, ctx.obj, "interrupted")
-        except BrokenPipeError:
-            # Whoever read the output has seen enough, as in `actioncli list-support | head`.
-            _drop_output()
-            code = EXIT_BROKEN_PIPE
         except (TyperException, typer.Exit, typer.Abort):
             raise
-        except ImportError as error:
-            message = f"a package cannot be loaded: {error}; `actioncli doctor` tries them all."
-            code = _report(error, EXIT_UNEXPECTED, ctx.obj, message)
-        except Exception as error:
-            if isinstance(error, FileNotFoundError) and _in_no_folder():
-                told = UsageError("The folder that this runs in is gone; go to another one (cd).")
-                raise typer.Exit(_report(told, told.exit_code, ctx.obj)) from error
-            code = _report(
-                error,
-                EXIT_UNEXPECTED,
-                ctx.obj,
-                f"unexpected {type(error).__name__}: {error} (this is a bug; --debug shows where)",
-            )
-        else:
-            return
-        raise typer.Exit(code)
+        except (Exception, KeyboardInterrupt) as error:
+            raise typer.Exit(_report(error, ctx.obj or Settings())) from error
 
 
-def _report(
-    error: BaseException, code: int, settings: Settings | None, message: str | None = None
-) -> int:
-    """Tell an error: one line on standard error, and one document where JSON is wanted."""
-    settings = settings or Settings()
-    text = " ".join((str(error) if message is None else message).splitlines())
+def _report(error: BaseException, settings: Settings) -> int:
+    """Report an error, one line on standard error and one document where JSON is wanted; its exit
+    code."""
+    if isinstance(error, BrokenPipeError):
+        # Whoever read the output has seen enough, as in `actioncli list-support | head`.
+        _drop_output()
+        return EXIT_BROKEN_PIPE
+    if isinstance(error, FileNotFoundError) and _in_no_folder():
+        error = UsageError("The folder that this runs in is gone; go to another one (cd).")
+    code, text = EXIT_UNEXPECTED, str(error)
+    if isinstance(error, OutputError):
+        _drop_output()
+        settings = Settings()
+    if isinstance(error, ActionCliError):
+        code = error.exit_code
+    elif isinstance(error, KeyboardInterrupt | typer.Abort):
+        code, text = EXIT_INTERRUPTED, "interrupted"
+    elif isinstance(error, ImportError):
+        text = f"a package cannot be loaded: {error}; `actioncli doctor` tries them all."
+    else:
+        kind = type(error).__name__
+        text = f"unexpected {kind}: {error} (this is a bug; --debug shows where)"
+    text = " ".join(text.splitlines())
     # Where nothing can be written, the exit code alone tells.
     with contextlib.suppress(OutputError, BrokenPipeError):
         if settings.debug:
@@ -200,15 +182,14 @@ def _in_no_folder() -> bool:
 @contextlib.contextmanager
 def _ended_like_ctrl_c() -> Iterator[None]:
     """What a terminal that is closed sends, and what a service is ended by, is like Ctrl-C: what
-    was begun is tidied up, and what was found out is told or kept."""
-    wanted = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]
+    was begun is tidied up, and what was found out is written."""
     # One that is ignored, as after nohup, stays so. Only the main thread may ask for signals.
     caught = [
-        each
-        for each in wanted
-        if each is not None
-        and signal.getsignal(each) is signal.SIG_DFL
+        getattr(signal, name)
+        for name in ("SIGTERM", "SIGHUP")
+        if hasattr(signal, name)
         and threading.current_thread() is threading.main_thread()
+        and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL
     ]
     for each in caught:
         signal.signal(each, signal.default_int_handler)

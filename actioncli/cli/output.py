@@ -36,19 +36,31 @@ def printable(text: object) -> str:
 
 
 class OutputError(ActionCliError):
-    """What should be told cannot be written, because a disk is full for example."""
+    """The output cannot be written, because a disk is full for example."""
 
     exit_code = 74
 
 
-def say(line: str = "") -> None:
-    """Write a line of the result to standard output.
+@contextlib.contextmanager
+def output_errors() -> Iterator[None]:
+    """What keeps output from being written is an `OutputError`, but for a reader that is gone."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputError(f"the output cannot be written: {error.strerror}.") from error
+
+
+def say(line: str = "", err: bool = False) -> None:
+    """Write a line of the result to standard output, or to standard error.
 
     Raises:
         BrokenPipeError: nobody reads it any more.
         OutputError: it cannot be written.
     """
-    _write(line, err=False)
+    with output_errors():
+        typer.echo(line, err=err)
 
 
 def note(line: str) -> None:
@@ -57,16 +69,7 @@ def note(line: str) -> None:
     Raises:
         BrokenPipeError, OutputError: as `say`.
     """
-    _write(line, err=True)
-
-
-def _write(line: str, err: bool) -> None:
-    try:
-        typer.echo(line, err=err)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        raise OutputError(f"the output cannot be written: {error.strerror}.") from error
+    say(line, err=True)
 
 
 def write_json(document: object) -> None:
