@@ -56,5 +56,5 @@ def explain_decision(
             )
             for example in shown
         ]
-    write_explanation(page, clip, decision, neighbours, found, recognizer.weights.config)
+    write_explanation(page, clip, decision, neighbours, found, recognizer.weights.trx_os)
     settings.tell(f"explained in {printable(page)}")

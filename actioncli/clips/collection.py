@@ -20,6 +20,8 @@ from actioncli.errors import ClipError
 
 _KEYS = ("joints_mm", "lengths", "labels", "subjects", "joint_names", "fps")
 _METRES = np.float32(0.001)
+# In whole numbers, the place of a joint that was not found.
+_NOT_FOUND = -32768
 # NTU RGB+D names performers in the file name (S001C002P003R002A013), others by s03, subject_3.
 _SUBJECT = re.compile(
     r"(?<=C\d{3})P\d{3}(?=R\d{3})"
@@ -67,7 +69,8 @@ def read_collection(path: str | os.PathLike[str]) -> Collection:
     Args:
         path: an `.npz` with `joints_mm` (sum of lengths, J, 3) in millimetres and the axes of
             `Clip`, `lengths` (N,), `labels` (N,), `subjects` (N,), `joint_names` (J,) and
-            `fps`; or a folder with a folder of clips for each label.
+            `fps`, and where it is known `visibility` (sum of lengths, J) in percent; joints at
+            -32768 were not found. Or a folder with a folder of clips for each label.
 
     Raises:
         ClipError: it cannot be read, is damaged, or holds no clip.
@@ -104,7 +107,7 @@ def _from_archive(file: Path) -> Collection:
 
     check_file(file)
     try:
-        arrays = read_arrays(file, _KEYS, f"a collection needs {', '.join(_KEYS)}")
+        arrays = read_arrays(file, (*_KEYS, "visibility"), f"a collection needs {', '.join(_KEYS)}")
     except (OSError, MemoryError) as error:
         raise ClipError(f"{file}: cannot be read: {error}.") from error
     joints, names, fps, lengths = _checked(arrays, file)
@@ -116,14 +119,20 @@ def _from_archive(file: Path) -> Collection:
     clips: list[Clip] = []
     unusable = 0
     for clip, (end, length) in enumerate(zip(ends.tolist(), lengths.tolist(), strict=True)):
-        positions = joints[end - length : end].astype(np.float32) * _METRES
+        frames = slice(end - length, end)
+        positions = joints[frames].astype(np.float32) * _METRES
+        confidence = None
+        if "visibility" in arrays:
+            confidence = np.asarray(arrays["visibility"][frames] / 100, np.float32)
+            lost = np.any(joints[frames] == _NOT_FOUND, axis=2)
+            positions[lost], confidence[lost] = 0, 0
         where = f"{file} (clip {clip + 1})"
         try:
-            if gaps[end - length : end].any():
-                positions, *_ = fill_gaps(positions, names, fps, where)
+            if gaps[frames].any():
+                positions, _, confidence, _ = fill_gaps(positions, names, fps, where, confidence)
             if positions.shape[1] != len(names):
                 raise ClipError(f"{where}: joints are mostly missing.")
-            clips.append(Clip(positions, names, fps, source=where))
+            clips.append(Clip(positions, names, fps, confidence, source=where))
             kept.append(clip)
         except ClipError:
             # Still, empty or mostly gap: of no use for training, and no fault of the file.
@@ -169,6 +178,13 @@ def _checked(
         raise ClipError(f"{file}: joint_names must be {joints.shape[1]} words.")
     if len(set(names.tolist())) != len(names):
         raise ClipError(f"{file}: joint_names holds a name twice.")
+    visibility = arrays.get("visibility")
+    if visibility is not None and not (
+        visibility.shape == joints.shape[:2] and np.all((visibility >= 0) & (visibility <= 100))
+    ):
+        raise ClipError(
+            f"{file}: visibility must be percent (frames, joints) = {joints.shape[:2]}."
+        )
     rate = arrays["fps"]
     fps = float(rate.reshape(-1)[0]) if rate.size == 1 and rate.dtype.kind in "iuf" else 0.0
     if not LEAST_FPS <= fps <= MOST_FPS:

@@ -78,6 +78,11 @@ class ModelConfig:
         """E, numbers per token of an embedding: one view or two, and the cohort radius."""
         return self.views * self.view_width + bool(self.neighbours)
 
+    @property
+    def distance_is_odds(self) -> bool:
+        """Whether a distance is 1 / confidence - 1, instead of the paper's T."""
+        return self.warp_width > 0
+
     def to_json(self) -> str:
         """The configuration as it stands in the header of a weights file."""
         return json.dumps(asdict(self), sort_keys=True)

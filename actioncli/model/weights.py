@@ -15,8 +15,10 @@ import numpy as np
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
 from actioncli.files import replacing, weights_file
+from actioncli.model import parts
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import closing_shapes
+from actioncli.model.parts_config import METHOD, PartsConfig
 from actioncli.model.trx_os import parameter_shapes
 
 FORMAT = "actioncli-weights"
@@ -40,16 +42,27 @@ class Weights:
         path: the file they were read from.
     """
 
-    config: ModelConfig
+    config: ModelConfig | PartsConfig
     tensors: Mapping[str, FloatArray]
     metadata: Mapping[str, Any]
     checksum: str
     path: Path
 
+    @property
+    def trx_os(self) -> ModelConfig:
+        """The configuration, where the model is TRX-OS.
+
+        Raises:
+            WeightsError: it is another one.
+        """
+        if not isinstance(self.config, ModelConfig):
+            raise WeightsError(f"{self.path}: an explanation needs weights of TRX-OS.")
+        return self.config
+
 
 def write_weights(
     path: Path,
-    config: ModelConfig,
+    config: ModelConfig | PartsConfig,
     tensors: Mapping[str, np.ndarray[Any, Any]],
     metadata: Mapping[str, Any],
 ) -> str:
@@ -116,7 +129,7 @@ def read_weights(path: str | Path | None = None) -> Weights:
         )
     try:
         configuration = header["config"]
-        config = ModelConfig.from_json(configuration)
+        config = _configuration(configuration)
         told, checksum = header["metadata"], header["checksum"]
         metadata = json.loads(told)
     except (KeyError, ValueError, RecursionError) as error:
@@ -124,8 +137,7 @@ def read_weights(path: str | Path | None = None) -> Weights:
     except WeightsError as error:
         raise WeightsError(f"{file}: {error}") from error
     shapes = {name: tensor.shape for name, tensor in stored.items()}
-    cohort = (*shapes.get("cohort", ()), 0)[0]
-    if shapes != parameter_shapes(config) | closing_shapes(config, cohort):
+    if shapes != _expected_shapes(config, (*shapes.get("cohort", ()), 0)[0]):
         raise WeightsError(f"{file}: tensors do not fit the configuration in the header.")
     if checksum != _checksum(configuration, told, stored):
         raise WeightsError(f"{file}: damaged, the checksum does not match the content.")
@@ -137,6 +149,18 @@ def read_weights(path: str | Path | None = None) -> Weights:
     if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
         raise WeightsError(f"{file}: holds weights that are no finite numbers; train again.")
     return Weights(config, tensors, metadata, checksum, file)
+
+
+def _configuration(text: str) -> ModelConfig | PartsConfig:
+    values = json.loads(text)
+    method = values.get("method") if isinstance(values, dict) else None
+    return PartsConfig.from_json(text) if method == METHOD else ModelConfig.from_json(text)
+
+
+def _expected_shapes(config: ModelConfig | PartsConfig, cohort: int) -> dict[str, tuple[int, ...]]:
+    if isinstance(config, PartsConfig):
+        return parts.parameter_shapes(config) | parts.CONFIDENCE_SHAPES
+    return parameter_shapes(config) | closing_shapes(config, cohort)
 
 
 def _check_file(file: Path) -> None:

@@ -95,7 +95,7 @@ def explain(
     Raises:
         ClipError: a clip lacks joints that the model reads.
     """
-    config = recognizer.weights.config
+    config = recognizer.weights.trx_os
     frames = prepare(query, config.preparation)
     enrolled = np.stack([prepare(clip, config.preparation) for clip in examples])
     asked, support = (recognizer.embed(clips) for clips in ([query], examples))
@@ -162,7 +162,7 @@ def explain(
 
 def _nearest(recognizer: Recognizer, asked: FloatArray, support: FloatArray) -> tuple[int, bool]:
     """The example that the query is nearest to, and whether it is so mirrored."""
-    config = recognizer.weights.config
+    config = recognizer.weights.trx_os
     if not config.warp_width:
         each = {str(n): support[n : n + 1] for n in range(len(support))}
         return int(recognizer.compare(asked, each).distance.argmin()), False
@@ -218,7 +218,7 @@ def _attention(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Attention from the query's pairs to those of each example (P, n, P), and each pair's share
     of T (P,)."""
-    params, config = recognizer.weights.tensors, recognizer.weights.config
+    params, config = recognizer.weights.tensors, recognizer.weights.trx_os
     view, columns = asked_view(params, config, asked), token_columns(config)
     seen = in_view(asked, columns, view)
     query_keys, query_values = (each[0] for each in trx_os.pairs(params, config, seen))

@@ -15,8 +15,9 @@ from actioncli.clips.active import cut
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import prepare_all
 from actioncli.errors import SupportError, WeightsError
-from actioncli.model import compare
+from actioncli.model import compare, parts_compare
 from actioncli.model.embedding import embed
+from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import Weights, read_weights
 from actioncli.recognition.decision import Comparison, Decision, decide
 from actioncli.recognition.threshold import DEFAULT_TAU, Threshold
@@ -71,6 +72,8 @@ class Recognizer:
             ClipError: a clip lacks joints that the model reads.
         """
         config = self.weights.config
+        if isinstance(config, PartsConfig):
+            return parts_compare.embed(self.weights.tensors, config, clips)
         frames = prepare_all(clips, config.preparation)
         return embed(self.weights.tensors, config, frames, queries)
 
@@ -97,9 +100,11 @@ class Recognizer:
             if not len(embedding):
                 raise SupportError(f"the action {label!r} has no examples.")
         config = self.weights.config
-        distance, logit = compare.scores(
-            self.weights.tensors, config, query, list(examples.values())
-        )
+        params, actions = self.weights.tensors, list(examples.values())
+        if isinstance(config, PartsConfig):
+            distance, logit = parts_compare.scores(params, config, query, actions)
+        else:
+            distance, logit = compare.scores(params, config, query, actions)
         # Finite weights may be so large that sums of them are not.
         if np.isnan(distance).any() or np.isnan(logit).any():
             raise WeightsError(
@@ -109,7 +114,7 @@ class Recognizer:
             labels=np.array(list(support)),
             distance=distance,
             confidence=compare.sigmoid(logit),
-            probability=compare.softmax(logit if config.warp_width else -distance),
+            probability=compare.softmax(logit if config.distance_is_odds else -distance),
         )
 
     def classify(
@@ -225,7 +230,7 @@ class Recognizer:
         probability = np.concatenate([each.probability for each in found])
         count = len(distance) - 1
         odds = np.float32(odds_factor(count))
-        factor = odds if self.weights.config.warp_width else np.float32(1)
+        factor = odds if self.weights.config.distance_is_odds else np.float32(1)
         confidence[1:] /= confidence[1:] + (1 - confidence[1:]) * odds
         distance[1:] *= factor
 

@@ -110,7 +110,7 @@ def train(
     processes = joined()
     with (
         output_lock(out, "train", WeightsError) if processes.first else contextlib.nullcontext(),
-        _interrupts_noted() as interrupted,
+        interrupts_noted() as interrupted,
     ):
         processes.wait()  # until the first one has made its claim
         descend = objective(recipe, data, processes)
@@ -197,7 +197,7 @@ def _write(
 
 
 @contextlib.contextmanager
-def _interrupts_noted() -> Iterator[threading.Event]:
+def interrupts_noted() -> Iterator[threading.Event]:
     """Ctrl-C, and what is to be like it, sets the event: in the middle of a step the state is
     neither old nor new."""
     noted = threading.Event()

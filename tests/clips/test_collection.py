@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from actioncli.clips.collection import Collection, read_collection
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
 from actioncli.errors import ClipError
 
 from .bodies import waving, write_npy, write_npz
@@ -135,3 +135,27 @@ def test_recorded_collections(shared: Path) -> None:
         assert frames - 10 <= sum(map(len, collection.clips)) <= frames
         # 3,000 clips in 2 s are asked for; about 0.6 s were measured.
         assert elapsed < 2 + clips / 1000
+
+
+def test_joints_that_were_not_found_have_no_confidence(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    joints = rng.integers(-500, 500, (20, 15, 3)).astype(np.int16)
+    visibility = np.full((20, 15), 80, np.uint8)
+    joints[5, 14] = -32768
+    arrays = {
+        "joints_mm": joints, "lengths": np.array([12, 8]), "labels": np.array(["a", "b"]),
+        "subjects": np.array(["s", "s"]), "joint_names": np.array(DEFAULT_JOINTS), "fps": 15.0,
+    }  # fmt: skip
+    np.savez(tmp_path / "seen.npz", **arrays, visibility=visibility)
+    first, second = read_collection(tmp_path / "seen.npz").clips
+    expected = np.full((12, 15), 0.8, np.float32)
+    expected[5, 14] = 0
+    assert first.confidence is not None
+    assert second.confidence is not None
+    np.testing.assert_array_equal(first.confidence, expected)
+    np.testing.assert_array_equal(second.confidence, expected[:8] * 0 + np.float32(0.8))
+    assert not first.joints[5, 14].any()
+    for wrong in (visibility[1:], visibility + 30):
+        np.savez(tmp_path / "wrong.npz", **arrays, visibility=wrong)
+        with pytest.raises(ClipError, match="visibility must be percent"):
+            read_collection(tmp_path / "wrong.npz")

@@ -1,0 +1,189 @@
+"""Body parts over time: the bones that the parts model reads of a clip, and which parts were seen.
+
+What was not seen gives no numbers: joints below `UNSEEN` are interpolated over short gaps, and
+beyond them take a place that follows from the joints that were seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.layouts import DEFAULT_JOINTS, default_columns, select_joints
+from actioncli.clips.prepare import (
+    BONES,
+    Preparation,
+    sample_places,
+    standard_body,
+    turn_to_front,
+)
+
+PARTS = ("torso", "left arm", "right arm", "left leg", "right leg", "left hand", "right hand")
+# Confidence below which a joint counts as not seen. Legs under a desk have at most 0.05; of
+# people who stand in full view a hidden knee or wrist has 0.1 to 0.5.
+UNSEEN = 0.1
+# Seconds without a joint that are interpolated and still count as seen.
+LONGEST_GAP = 0.4
+
+HAND_JOINTS = tuple(f"{side}hand{joint}" for side in "lr" for joint in range(21))
+# The joint before each of a hand's joints 1 to 20; every finger begins at the wrist.
+_HAND_PARENTS = [0 if joint % 4 == 1 else joint - 1 for joint in range(1, 21)]
+_JOINT = {name: at for at, name in enumerate(DEFAULT_JOINTS)}
+_CHILDREN = [_JOINT[child] for child, _, _ in BONES]
+_PARENTS = [_JOINT[parent] for _, parent, _ in BONES]
+# Joints of a limb from the trunk outwards: what hangs down where it was not seen.
+_LIMBS = (("lsho", "lelb", "lwri"), ("rsho", "relb", "rwri"), ("lhip", "lkne", "lank"),
+          ("rhip", "rkne", "rank"))  # fmt: skip
+
+BoolArray = NDArray[np.bool_]
+
+
+class PartFrames(NamedTuple):
+    """N clips as the parts model reads them.
+
+    Attributes:
+        bones: (N, frames, 14, 3) unit vectors along `BONES`.
+        hands: (N, frames, 40, 3) unit vectors along the bones of the left hand, then of the
+            right one; zero where no hand was seen.
+        missing: (N, frames, 7) which of `PARTS` were not seen.
+    """
+
+    bones: FloatArray
+    hands: FloatArray
+    missing: BoolArray
+
+
+def prepare_parts(clips: Sequence[Clip], preparation: Preparation) -> PartFrames:
+    """Bones of body and hands at the frames that `preparation` samples, in the common heading.
+
+    Raises:
+        ClipError: a clip lacks one of the default joints.
+    """
+    n = preparation.frames
+    prepared = PartFrames(
+        np.zeros((len(clips), n, len(BONES), 3), np.float32),
+        np.zeros((len(clips), n, 40, 3), np.float32),
+        np.ones((len(clips), n, len(PARTS)), np.bool_),
+    )
+    for row, clip in enumerate(clips):
+        body, hands, missing = _filled(clip)
+        joints = np.concatenate([body, hands], axis=1)
+        joints -= joints[:, :1]
+        joints = turn_to_front(joints, DEFAULT_JOINTS)
+        body = standard_body(joints[:, : len(DEFAULT_JOINTS)], DEFAULT_JOINTS)
+        at = sample_places(body, n, preparation.motion)
+        before = np.minimum(at.astype(int), len(clip) - 2)
+        share = (at - before).astype(np.float32)[:, None, None]
+        body = body[before] * (1 - share) + body[before + 1] * share
+        prepared.bones[row] = unit(body[:, _CHILDREN] - body[:, _PARENTS])
+        prepared.missing[row] = missing[np.round(at).astype(int)]
+        hands = joints[:, len(DEFAULT_JOINTS) :]
+        hands = hands[before] * (1 - share) + hands[before + 1] * share
+        for side in (0, 1):
+            seen = ~prepared.missing[row, :, 5 + side]
+            hand = hands[seen, 21 * side : 21 * side + 21]
+            bones = unit(hand[:, 1:] - hand[:, _HAND_PARENTS])
+            prepared.hands[row, seen, 20 * side : 20 * side + 20] = bones
+    return prepared
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Vectors of length one; the zero vector stays."""
+    length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
+    return np.asarray(vectors / np.maximum(length, 1e-6), np.float32)
+
+
+def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Default joints (T, 15, 3), hands (T, 42, 3) and missing parts (T, 7) of a clip, no number
+    of which comes from a joint that was not seen."""
+    body = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS, clip.source)
+    columns = default_columns(clip.joint_names)
+    unseen = np.zeros(body.shape[:2], np.bool_)
+    if clip.confidence is not None:
+        for name, at in _JOINT.items():
+            group = list(columns.get(name, ()))
+            if group:
+                unseen[:, at] = clip.confidence[:, group].min(axis=1) < UNSEEN
+    lost = np.zeros_like(unseen)
+    if unseen.any():
+        body, lost = _without_unseen(body, unseen, clip.fps)
+    missing = np.zeros((len(clip), len(PARTS)), np.bool_)
+    for part, (_, middle, end) in enumerate(_LIMBS, 1):
+        missing[:, part] = lost[:, _JOINT[middle]] | lost[:, _JOINT[end]]
+    hands = np.zeros((len(clip), 42, 3), np.float32)
+    missing[:, 5:] = True
+    place = {name: at for at, name in enumerate(clip.joint_names)}
+    for side in (0, 1):
+        names = HAND_JOINTS[21 * side : 21 * side + 21]
+        if not all(name in place for name in names):
+            continue
+        group = [place[name] for name in names]
+        none = np.zeros(len(clip), np.bool_)
+        if clip.confidence is not None:
+            none = clip.confidence[:, group].min(axis=1) < UNSEEN
+        if not none.all():
+            hand, gone = _interpolated(clip.joints[:, group], none, clip.fps)
+            hands[:, 21 * side : 21 * side + 21], missing[:, 5 + side] = hand, gone
+    return body, hands, missing
+
+
+def _without_unseen(
+    body: FloatArray, unseen: BoolArray, fps: float
+) -> tuple[FloatArray, BoolArray]:
+    """The body without what was not seen, and which joints (T, 15) are lost for longer."""
+    body, lost = body.copy(), np.zeros_like(unseen)
+    down = np.array([0, -1, 0], np.float32)
+    for names in (("lsho", "rsho"), ("lhip", "rhip"), ("head",)):
+        at = [_JOINT[name] for name in names]
+        none: BoolArray = np.any(unseen[:, at], axis=1)
+        if none.mean() <= 0.5:
+            body[:, at], lost[:, at] = _pair(_interpolated(body[:, at], none, fps))
+        elif names[0] == "lhip":
+            left, right = body[:, _JOINT["lsho"]], body[:, _JOINT["rsho"]]
+            across = (left - right) / 4
+            wide = np.median(np.linalg.norm(across, axis=-1))
+            middle = (left + right) / 2 + 6 * wide * down
+            body[:, at] = np.stack([middle + across, middle - across], axis=1)
+        elif names[0] == "head":
+            middle = (body[:, _JOINT["lsho"]] + body[:, _JOINT["rsho"]]) / 2
+            body[:, at[0]] = middle - down
+    for pair, middle in ((("lhip", "rhip"), "pelv"), (("lsho", "rsho"), "neck")):
+        body[:, _JOINT[middle]] = body[:, [_JOINT[name] for name in pair]].mean(axis=1)
+    for limb in _LIMBS:
+        root, *outer = (_JOINT[name] for name in limb)
+        for before, joint in zip((root, *outer), outer, strict=False):
+            none = unseen[:, joint]
+            if none.mean() <= 0.5:
+                filled, gone = _interpolated(body[:, joint], none, fps)
+                body[:, joint], lost[:, joint] = filled, gone
+            else:
+                body[:, joint], lost[:, joint] = body[:, before] + down, True
+    return body, lost
+
+
+def _pair(filled: tuple[FloatArray, BoolArray]) -> tuple[FloatArray, BoolArray]:
+    return filled[0], filled[1][:, None]
+
+
+def _interpolated(joints: FloatArray, none: BoolArray, fps: float) -> tuple[FloatArray, BoolArray]:
+    """Joints (T, ..., 3), linear in time over frames with `none` (T,) of them, and which of these
+    frames belong to gaps longer than `LONGEST_GAP`."""
+    if not none.any():
+        return joints, none
+    frames, seen = np.arange(len(none)), np.flatnonzero(~none)
+    after = np.searchsorted(seen, frames)
+    before = seen[np.maximum(np.searchsorted(seen, frames, side="right") - 1, 0)]
+    after = seen[np.minimum(after, len(seen) - 1)]
+    share = np.clip((frames - before) / np.maximum(after - before, 1), 0, 1)
+    share = share.reshape(-1, *[1] * (joints.ndim - 1)).astype(np.float32)
+    filled = joints[before] * (1 - share) + joints[after] * share
+    # At an end of the clip the gap is what lies between it and the first frame seen.
+    gap = np.where(before < after, after - before - 1, np.abs(frames - before))
+    gap = np.where(
+        frames < seen[0], seen[0], np.where(frames > seen[-1], frames[-1] - seen[-1], gap)
+    )
+    return filled, none & (gap / fps > LONGEST_GAP)

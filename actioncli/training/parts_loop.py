@@ -1,0 +1,238 @@
+"""Training of the parts model."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Generator, Tensor
+from torch.nn import functional
+
+from actioncli._version import __version__
+from actioncli.errors import WeightsError
+from actioncli.files import output_lock
+from actioncli.model import parts
+from actioncli.model.parts_config import PartsConfig
+from actioncli.model.weights import write_weights
+from actioncli.training.checkpoint import (
+    TrainingState,
+    load_checkpoint,
+    new_optimizer,
+    save_checkpoint,
+)
+from actioncli.training.data import TrainingSet
+from actioncli.training.loop import interrupts_noted
+from actioncli.training.parts_augment import augment, joined
+from actioncli.training.parts_tasks import PartTasks, Task
+from actioncli.training.parts_validation import PartsValidation
+
+CHECKPOINT_SECONDS = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class PartsRecipe:
+    """How to train the parts model.
+
+    Attributes:
+        name: as given to `--recipe`.
+        config: the model.
+        steps: optimiser steps.
+        ways: actions a task.
+        tasks: tasks a step.
+        rate: peak learning rate of AdamW, reached after 100 steps, then falling to a fiftieth as
+            a half cosine.
+        weight_decay: of matrices.
+        dropout: share of features.
+        hard: how much of the loss of a query's wrong actions falls on those that would be taken.
+        negative: weight of the loss of negatives made of the action itself.
+        averaging: of the weights over steps: what is kept from one step to the next.
+        validate_every: steps between looks at the validation classes.
+    """
+
+    name: str = "parts"
+    config: PartsConfig = field(default_factory=PartsConfig)
+    steps: int = 4000
+    ways: int = 20
+    tasks: int = 4
+    rate: float = 1e-3
+    weight_decay: float = 0.05
+    dropout: float = 0.15
+    hard: float = 0.7
+    negative: float = 0.5
+    averaging: float = 0.998
+    validate_every: int = 250
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values for the header of the weights."""
+        return asdict(self)
+
+
+def train_parts(
+    recipe: PartsRecipe,
+    data: TrainingSet,
+    held: TrainingSet,
+    out: Path,
+    seed: int,
+    sources: Sequence[str],
+    report: Callable[[int, float, float, dict[str, Any] | None], None],
+    device: str = "cpu",
+) -> Path:
+    """Train, or go on with an interrupted run, and write the average of the last weights.
+
+    Args:
+        recipe: what to do.
+        data: training clips.
+        held: clips of other classes, which the meaning of a confidence is fitted on.
+        out: where the weights go; the state is kept in `OUT.checkpoint` once a minute.
+        seed: of initial tensors, tasks and augmentation.
+        sources: names of the collections, for the header.
+        report: called after each step with the step, the loss, the share of queries whose
+            nearest action is right, and the last look at the validation classes.
+        device: where torch computes.
+    """
+    identity = [recipe.as_json(), seed, data.fingerprint, held.fingerprint, device]
+    fingerprint = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    checkpoint = out.with_name(out.name + ".checkpoint")
+    with output_lock(out, "train", WeightsError), interrupts_noted() as interrupted:
+        tasks = PartTasks(data, recipe.config.preparation, device)
+        validation = PartsValidation(held, recipe.config, seed)
+        state = load_checkpoint(checkpoint, fingerprint) or _new_state(recipe.config, seed, device)
+        saved = time.monotonic()
+        try:
+            while state.step < recipe.steps:
+                rng = np.random.default_rng([seed, state.step])
+                chance = torch.Generator(device).manual_seed(int(rng.integers(2**62)))
+                torch.manual_seed(int(rng.integers(2**62)))  # dropout has no generator of its own
+                drawn = [tasks.draw(recipe.ways, rng, chance) for _ in range(recipe.tasks)]
+                loss, accuracy = _loss(recipe, state.params, drawn, chance)
+                loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
+                _step(recipe, state)
+                if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
+                    figures = validation.figures(_arrays(state.best))
+                    state.history.append({"step": state.step, **figures})
+                if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                    save_checkpoint(checkpoint, state, fingerprint)
+                    saved = time.monotonic()
+                shown = state.history[-1] if state.history else None
+                report(state.step, loss.item(), accuracy, shown)
+                if interrupted.is_set():
+                    raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            save_checkpoint(checkpoint, state, fingerprint)
+            raise
+        arrays = _arrays(state.best)
+        metadata = {
+            "actioncli": __version__,
+            "recipe": recipe.as_json(),
+            "seed": seed,
+            "validation": state.history[-1],
+            "classes": len(data.members),
+            "clips": len(data.clips),
+            "sources": list(sources),
+        }
+        write_weights(out, recipe.config, arrays | validation.confidence(arrays), metadata)
+        checkpoint.unlink(missing_ok=True)
+    return out
+
+
+def _loss(
+    recipe: PartsRecipe, params: dict[str, Tensor], drawn: list[Task], chance: Generator
+) -> tuple[Tensor, float]:
+    """Mean loss of the tasks, and the share of queries whose nearest action is right."""
+    clips = [of for task in drawn for of in (task.supports, task.queries, task.negatives)]
+    seen = augment(joined(clips), chance)
+
+    def drop(x: Tensor) -> Tensor:
+        return functional.dropout(x, recipe.dropout)
+
+    config = recipe.config
+    embedded = parts.embed(params, config, parts.tokens(config, *seen), drop)
+    losses, right, start = [], [], 0
+    for task in drawn:
+        w = len(task.same)
+        supports, queries, made = (
+            parts.Embedded(*(x[:, start + at * w : start + (at + 1) * w] for x in embedded))
+            for at in range(3)
+        )
+        start += 3 * w
+        logits = parts.logits(params, config, queries, supports, drop)
+        losses.append(task_loss(logits, task.same, recipe.hard))
+        fooled = functional.softplus(parts.paired_logits(params, config, made, supports, drop))
+        changed = task.changed.float()
+        losses[-1] = losses[-1] + recipe.negative * (fooled * changed).sum() / changed.sum().clamp(
+            min=1
+        )
+        nearest = logits.detach().masked_fill(task.same, -1e4).argmax(1)
+        right.append((nearest == torch.arange(w, device=nearest.device)).float().mean())
+    return torch.stack(losses).mean(), torch.stack(right).mean().item()
+
+
+def task_loss(logits: Tensor, same: Tensor, hard: float) -> Tensor:
+    """Cross-entropy over queries and over supports, and whether each pair is one action, where
+    the wrong actions that would be taken weigh most.
+
+    Args:
+        logits: (W, W) of query i, an example of action i, and support j.
+        same: (W, W) pairs that count for nothing.
+        hard: share of the weight that goes by how likely a wrong action is taken.
+    """
+    w = len(logits)
+    own = torch.eye(w, dtype=torch.bool, device=logits.device)
+    target = torch.arange(w, device=logits.device)
+    masked = logits.masked_fill(same, -1e4)
+    taken = masked.detach().masked_fill(own, -1e4).softmax(1)
+    rivals = (hard * taken + (1 - hard) / (w - 1)) * ~(own | same)
+    closed = functional.cross_entropy(masked, target) + functional.cross_entropy(masked.T, target)
+    accepted = functional.softplus(-logits.diagonal()).mean()
+    return closed / 2 + accepted + (functional.softplus(logits) * rivals).sum(1).mean()
+
+
+def _step(recipe: PartsRecipe, state: TrainingState) -> None:
+    """One step of AdamW, and of the average of the weights."""
+    torch.nn.utils.clip_grad_norm_(state.params.values(), 1.0)
+    fallen = 0.02 + 0.49 * (1 + math.cos(math.pi * state.step / recipe.steps))
+    rate = recipe.rate * min(1.0, (state.step + 1) / 100) * fallen
+    for group, decay in zip(state.optimizer.param_groups, (recipe.weight_decay, 0), strict=True):
+        group["lr"], group["weight_decay"] = rate, decay
+    state.optimizer.step()
+    state.optimizer.zero_grad()
+    state.step += 1
+    kept = min(recipe.averaging, state.step / (state.step + 10))
+    for name, tensor in state.params.items():
+        state.best[name].lerp_(tensor.detach(), 1 - kept)
+
+
+def _new_state(config: PartsConfig, seed: int, device: str) -> TrainingState:
+    """Uniform in ±1/√(inputs of the layer), norms at one: PyTorch's usual start."""
+    rng = np.random.default_rng([seed, 0x1417])
+    params: dict[str, Tensor] = {}
+    fan_in = 1
+    for name, shape in parts.parameter_shapes(config).items():
+        if name.endswith("scale"):
+            values = np.ones(shape)
+        elif name == "attention.decay":
+            values = np.full(shape, parts.DECAY)
+        elif name == "positions":
+            values = 0.02 * rng.standard_normal(shape)
+        elif name.endswith(("shift", "missing")) or name == "part.bias":
+            values = np.zeros(shape)
+        else:
+            fan_in = shape[-2] if len(shape) > 1 else fan_in
+            values = rng.uniform(-1, 1, shape) / math.sqrt(fan_in)
+        params[name] = torch.nn.Parameter(torch.tensor(values, dtype=torch.float32, device=device))
+    # In the order in which a checkpoint gives them back: sums of floats depend on it.
+    params = dict(sorted(params.items()))
+    average = {name: tensor.detach().clone() for name, tensor in params.items()}
+    return TrainingState(0, params, new_optimizer(params), average, -math.inf, [])
+
+
+def _arrays(tensors: dict[str, Tensor]) -> dict[str, np.ndarray[Any, Any]]:
+    return {name: tensor.detach().cpu().numpy() for name, tensor in tensors.items()}

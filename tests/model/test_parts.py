@@ -1,0 +1,149 @@
+"""The parts model: one forward pass for numpy and torch, and what must not decide."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli import Clip, Recognizer, WeightsError, read_clip
+from actioncli.clips.clip import FloatArray
+from actioncli.clips.parts import PARTS, PartFrames, prepare_parts
+from actioncli.model import parts, parts_compare
+from actioncli.model.parts_config import PartsConfig
+from actioncli.model.weights import Weights, read_weights, write_weights
+from actioncli.recognition.explanation import explain
+
+CONFIG = PartsConfig(width=16, key_width=8, evidence=8)
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def some_params() -> dict[str, FloatArray]:
+    rng = np.random.default_rng(0)
+    shapes = parts.parameter_shapes(CONFIG) | parts.CONFIDENCE_SHAPES
+    return {
+        name: rng.normal(0, 0.3, shape).astype(np.float32) for name, shape in shapes.items()
+    } | {"confidence.scale": np.ones(1, np.float32)}
+
+
+PARAMS = some_params()
+
+
+def some_frames(n: int = 5) -> PartFrames:
+    rng = np.random.default_rng(1)
+    missing = rng.random((n, 48, len(PARTS))) < 0.2
+    missing[0, :, 3:] = True
+    missing[1, :, 5] = True
+    bones, hands = (rng.normal(size=(n, 48, count, 3)) for count in (14, 40))
+    bones, hands = (x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (bones, hands))
+    hands *= ~missing[:, :, 5:].repeat(20, axis=2)[..., None]
+    return PartFrames(bones.astype(np.float32), hands.astype(np.float32), missing)
+
+
+def embedded(frames: PartFrames) -> parts.Embedded:
+    return parts.embed(PARAMS, CONFIG, parts.tokens(CONFIG, *frames))
+
+
+def test_numpy_and_torch_agree() -> None:
+    torch = pytest.importorskip("torch")
+    params = {name: torch.from_numpy(tensor) for name, tensor in PARAMS.items()}
+    tensors = parts.tokens(CONFIG, *map(torch.from_numpy, some_frames()))
+    other = parts.embed(params, CONFIG, tensors)
+    here = embedded(some_frames())
+    for one, two in zip(here, other, strict=True):
+        np.testing.assert_allclose(one, two.numpy(), atol=1e-5)
+    logits = parts.logits(params, CONFIG, other, other).numpy()
+    np.testing.assert_allclose(parts.logits(PARAMS, CONFIG, here, here), logits, atol=1e-5)
+    assert logits.std() > 1e-2
+
+
+def test_pairs_do_not_depend_on_what_is_compared_beside_them() -> None:
+    clips = embedded(some_frames())
+    logits = parts.logits(PARAMS, CONFIG, clips, clips)
+    np.testing.assert_allclose(logits, logits.T, atol=1e-5)
+    np.testing.assert_allclose(
+        parts.paired_logits(PARAMS, CONFIG, clips, clips), logits.diagonal(), atol=1e-5
+    )
+    one = parts.Embedded(*(x[:, 2:3] for x in clips))
+    np.testing.assert_allclose(parts.logits(PARAMS, CONFIG, one, clips), logits[2:3], atol=1e-5)
+
+
+@pytest.mark.parametrize(("part", "bones"), [(1, [8, 10, 12]), (3, [3, 5]), (4, [4, 6])])
+def test_a_missing_part_does_not_change_a_logit_through_its_values(
+    part: int, bones: list[int]
+) -> None:
+    frames = some_frames()
+    frames.missing[:2, :, part] = True
+    before = embedded(frames)
+    frames.bones[:2, :, bones] = frames.bones[2:4, :, bones]
+    after = embedded(frames)
+    np.testing.assert_array_equal(
+        parts.logits(PARAMS, CONFIG, before, before), parts.logits(PARAMS, CONFIG, after, after)
+    )
+    # A support that lacks the part altogether leaves nothing to compare it with.
+    seen = parts.logits(PARAMS, CONFIG, before, before)
+    before.values[part, 2:] += 1
+    changed = parts.logits(PARAMS, CONFIG, before, before)
+    np.testing.assert_array_equal(seen[:2], changed[:2])
+    assert np.abs(seen[2:, 2:] - changed[2:, 2:]).min() > 1e-4
+
+
+@pytest.fixture(scope="module")
+def clips() -> list[Clip]:
+    names = ("wave_right/ada", "wave_right/cleo", "squat/ada", "bow/ben")
+    return [read_clip(EXAMPLES / f"{name}.npz") for name in names]
+
+
+@pytest.fixture(scope="module")
+def recognizer(tmp_path_factory: pytest.TempPathFactory) -> Recognizer:
+    path = tmp_path_factory.mktemp("parts") / "parts.safetensors"
+    checksum = write_weights(path, CONFIG, PARAMS, {"seed": 0})
+    weights = read_weights(path)
+    assert (weights.config, weights.checksum) == (CONFIG, checksum)
+    return Recognizer(path)
+
+
+def test_the_recognizer_reads_and_compares(recognizer: Recognizer, clips: list[Clip]) -> None:
+    embedding = recognizer.embed(clips)
+    assert embedding.shape == (4, CONFIG.tokens, CONFIG.embedding_width)
+    assert recognizer.embed([]).shape == (0, *embedding.shape[1:])
+    support = {"one": embedding[:1], "two": embedding[1:3]}
+    found = recognizer.compare(embedding, support)
+    frames = embedded(prepare_parts(clips, CONFIG.preparation))
+    logits = parts.logits(PARAMS, CONFIG, frames, frames) + PARAMS["confidence.shift"]
+    best = np.stack([logits[:, 0], logits[:, 1:3].max(axis=1)], axis=1)
+    np.testing.assert_allclose(found.confidence, 1 / (1 + np.exp(-best)), atol=1e-5)
+    np.testing.assert_allclose(found.distance, np.exp(-best), rtol=1e-4)
+    np.testing.assert_allclose(found.probability.sum(axis=1), 1, atol=1e-5)
+    decision = recognizer.classify(clips[0], {"one": [clips[0]], "two": clips[1:3]})
+    assert [each.label for each in decision.ranking] == sorted(
+        support, key=lambda label: found.distance[0, list(support).index(label)]
+    )
+
+
+def test_many_pairs_are_compared_in_blocks(recognizer: Recognizer, clips: list[Clip]) -> None:
+    embedding = np.tile(recognizer.embed(clips), (20, 1, 1))
+    distance, logit = parts_compare.scores(
+        recognizer.weights.tensors, CONFIG, embedding, [embedding[:3], embedding[3:]]
+    )
+    assert distance.shape == logit.shape == (80, 2)
+    np.testing.assert_allclose(logit, np.tile(logit[:4], (20, 1)), atol=1e-5)
+
+
+def test_other_configurations_are_refused(recognizer: Recognizer, clips: list[Clip]) -> None:
+    text = CONFIG.to_json()
+    assert PartsConfig.from_json(text) == CONFIG
+    for old, new in (
+        ('"tokens": 16', '"tokens": 17'), ('"width": 16', '"width": 1e9'),
+        ('"layers"', '"layer"'), ("standard", "torso"), ('"lsho"', '"lshou"'),
+    ):  # fmt: skip
+        assert old in text
+        with pytest.raises(WeightsError, match="cannot read"):
+            PartsConfig.from_json(text.replace(old, new))
+    with pytest.raises(WeightsError, match="needs weights of TRX-OS"):
+        explain(recognizer, clips[0], clips[1:2])
+    broken = {**PARAMS, "judge1.bias": np.full(1, np.nan, np.float32)}
+    other = Recognizer(Weights(CONFIG, broken, {}, "", Path("broken")))
+    with pytest.raises(WeightsError, match="no numbers"):
+        other.compare(clips[:1], {"": clips[:1]})
