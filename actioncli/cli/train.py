@@ -35,7 +35,7 @@ def train(
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the weights go.")],
     recipe: Annotated[
-        str, typer.Option(metavar="NAME", help="default, or paper: TRX-OS as published.")
+        str, typer.Option(metavar="NAME", help="default; parts; or paper: TRX-OS as published.")
     ] = "default",
     splits: Annotated[
         Path | None,
@@ -80,16 +80,20 @@ def train(
     from actioncli.training import loop
     from actioncli.training.data import hold_out, training_set
     from actioncli.training.distributed import launched
+    from actioncli.training.parts_loop import PartsRecipe, train_parts
+    from actioncli.training.parts_validation import PartsValidation
     from actioncli.training.recipes import RECIPES
     from actioncli.training.validation import Validation
 
-    if recipe not in RECIPES:
-        raise UsageError(f"unknown recipe {recipe!r}; there are {', '.join(RECIPES)}.")
+    by_parts = PartsRecipe()
+    if recipe not in (*RECIPES, by_parts.name):
+        raise UsageError(
+            f"unknown recipe {recipe!r}; there are {', '.join([*RECIPES, by_parts.name])}."
+        )
     if not launched().first:
         settings = replace(settings, quiet=True)
     if threads is not None:
         torch.set_num_threads(threads)
-    chosen = RECIPES[recipe]
     parts = read_splits(splits) if splits else None
     read = [
         read_collection(path) for path in progress(collections, "Reading", shown=not settings.quiet)
@@ -100,20 +104,18 @@ def train(
         f"{len(held.clips)} of {len(held.members)} others."
     )
     begun = time.monotonic()
+    names = [collection.name for collection in read]
     with _reporter(settings) as report:
-        loop.train(
-            chosen,
-            data,
-            Validation(held, seed),
-            out,
-            seed,
-            [collection.name for collection in read],
-            report,
-        )
+        if recipe == by_parts.name:
+            validation = PartsValidation(held, by_parts.config, seed)
+            train_parts(by_parts, data, validation, out, seed, names, report)
+        else:
+            chosen = RECIPES[recipe]
+            loop.train(chosen, data, Validation(held, seed), out, seed, names, report)
     if not launched().first:
         return
     weights = read_weights(out)
-    best = weights.metadata["validation"]
+    best, steps = weights.metadata["validation"], weights.metadata["recipe"]["steps"]
     seconds = time.monotonic() - begun
     if settings.json:
         write_json(
@@ -122,7 +124,7 @@ def train(
                 "checksum": weights.checksum,
                 "recipe": recipe,
                 "seed": seed,
-                "steps": chosen.steps,
+                "steps": steps,
                 "best_step": best["step"],
                 "seconds": seconds,
                 "validation": best,
@@ -130,7 +132,7 @@ def train(
         )
     else:
         say(
-            f"{printable(out)}: step {best['step']} of {chosen.steps}; on unseen classes closed "
+            f"{printable(out)}: step {best['step']} of {steps}; on unseen classes closed "
             f"accuracy {best['closed_accuracy']:.3f}, AUROC {best['auroc']:.3f}, "
             f"OSCR {best['oscr']:.3f}; {seconds / 60:.0f} min"
         )

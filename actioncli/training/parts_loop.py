@@ -17,7 +17,7 @@ from torch import Generator, Tensor
 from torch.nn import functional
 
 from actioncli._version import __version__
-from actioncli.errors import WeightsError
+from actioncli.errors import UsageError, WeightsError
 from actioncli.files import output_lock
 from actioncli.model import parts
 from actioncli.model.parts_config import PartsConfig
@@ -28,13 +28,11 @@ from actioncli.training.checkpoint import (
     new_optimizer,
     save_checkpoint,
 )
-from actioncli.training.data import TrainingSet
-from actioncli.training.loop import interrupts_noted
+from actioncli.training.data import TrainingSet, cut_long_recordings
+from actioncli.training.loop import CHECKPOINT_SECONDS, Progress, interrupts_noted
 from actioncli.training.parts_augment import augment, joined
 from actioncli.training.parts_tasks import PartTasks, Task
 from actioncli.training.parts_validation import PartsValidation
-
-CHECKPOINT_SECONDS = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +76,11 @@ class PartsRecipe:
 def train_parts(
     recipe: PartsRecipe,
     data: TrainingSet,
-    held: TrainingSet,
+    validation: PartsValidation,
     out: Path,
     seed: int,
     sources: Sequence[str],
-    report: Callable[[int, float, float, dict[str, Any] | None], None],
+    report: Callable[[Progress], None] = lambda _: None,
     device: str = "cpu",
 ) -> Path:
     """Train, or go on with an interrupted run, and write the average of the last weights.
@@ -90,22 +88,32 @@ def train_parts(
     Args:
         recipe: what to do.
         data: training clips.
-        held: clips of other classes, which the meaning of a confidence is fitted on.
-        out: where the weights go; the state is kept in `OUT.checkpoint` once a minute.
+        validation: clips of other classes, on which the meaning of a confidence is fitted.
+        out: where the weights go; the state is kept in `OUT.checkpoint` as `loop.train` does.
         seed: of initial tensors, tasks and augmentation.
         sources: names of the collections, for the header.
-        report: called after each step with the step, the loss, the share of queries whose
-            nearest action is right, and the last look at the validation classes.
+        report: called after each step.
         device: where torch computes.
+
+    Raises:
+        UsageError: too few classes for a task.
+        WeightsError: the weights, or after Ctrl-C the checkpoint, cannot be written; the
+            checkpoint belongs to another run; or another run is writing them.
     """
-    identity = [recipe.as_json(), seed, data.fingerprint, held.fingerprint, device]
+    if len(data.members) < recipe.ways:
+        raise UsageError(
+            f"recipe {recipe.name} needs at least {recipe.ways} classes to train on; the "
+            f"collections have {len(data.members)}."
+        )
+    identity = [recipe.as_json(), seed, data.fingerprint, validation.data.fingerprint, device]
     fingerprint = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     checkpoint = out.with_name(out.name + ".checkpoint")
     with output_lock(out, "train", WeightsError), interrupts_noted() as interrupted:
-        tasks = PartTasks(data, recipe.config.preparation, device)
-        validation = PartsValidation(held, recipe.config, seed)
+        tasks = PartTasks(cut_long_recordings(data), recipe.config.preparation, device)
         state = load_checkpoint(checkpoint, fingerprint) or _new_state(recipe.config, seed, device)
-        saved = time.monotonic()
+        begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
+        means = np.zeros(2)
+        unsaved: str | None = None
         try:
             while state.step < recipe.steps:
                 rng = np.random.default_rng([seed, state.step])
@@ -115,14 +123,26 @@ def train_parts(
                 loss, accuracy = _loss(recipe, state.params, drawn, chance)
                 loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
                 _step(recipe, state)
+                done = state.step - first_step
+                means += max(1 / 50, 1 / done) * (np.array([loss.item(), accuracy]) - means)
                 if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
                     figures = validation.figures(_arrays(state.best))
                     state.history.append({"step": state.step, **figures})
                 if time.monotonic() - saved > CHECKPOINT_SECONDS:
-                    save_checkpoint(checkpoint, state, fingerprint)
+                    unsaved = None
+                    try:
+                        save_checkpoint(checkpoint, state, fingerprint)
+                    except WeightsError as error:
+                        unsaved = str(error)
                     saved = time.monotonic()
+                left = (time.monotonic() - begun) / done * (recipe.steps - state.step)
                 shown = state.history[-1] if state.history else None
-                report(state.step, loss.item(), accuracy, shown)
+                mean_loss, mean_accuracy = means.tolist()
+                report(
+                    Progress(
+                        state.step, recipe.steps, mean_loss, mean_accuracy, left, shown, unsaved
+                    )
+                )
                 if interrupted.is_set():
                     raise KeyboardInterrupt
         except KeyboardInterrupt:

@@ -140,5 +140,6 @@ class PartTasks:
 
 
 def _words(name: str) -> str:
-    """What a class is called, without its collection and numbers: `a/002_01_walk#3` is `walk`."""
-    return re.sub(r"[\d_#]+", " ", name.rpartition("/")[2].lower()).strip() or name
+    """What a class is called, without collection and number of the recording or of a window:
+    `a/002_01_walk#3` is `walk`."""
+    return re.sub(r"^[\d_]+(?=[^\d_#])|#\d+$", "", name.rpartition("/")[2].lower())

@@ -28,7 +28,7 @@ class PartsValidation:
         Two of three take their classes from one collection, up to `MOST_WAYS` of them, and as many
         queries of none as there are classes left; queries are of other performers where they are.
         """
-        self._config = config
+        self.data, self._config = data, config
         rng = np.random.default_rng([seed, 0x7A1])
         usable = [label for label, rows in data.members.items() if len(rows) > 1]
         of_source: dict[int, list[int]] = {}
@@ -72,17 +72,19 @@ class PartsValidation:
         ]
 
     def figures(self, params: Params) -> dict[str, float]:
-        """Closed accuracy, AUROC and OSCR over all queries."""
+        """Closed accuracy, AUROC and OSCR over all queries; the score is OSCR."""
         found = self._logits(params)
         best = np.concatenate([logits.max(axis=1) for logits, _ in found])
         nearest = np.concatenate([logits.argmax(axis=1) for logits, _ in found])
         targets = np.concatenate([targets for _, targets in found])
         known = targets >= 0
         right = (nearest == targets)[known]
+        area = oscr(best[known], right, best[~known])
         return {
             "closed_accuracy": float(right.mean()),
             "auroc": auroc(best[known], best[~known]),
-            "oscr": oscr(best[known], right, best[~known]),
+            "oscr": area,
+            "score": area,
         }
 
     def confidence(self, params: Params) -> dict[str, FloatArray]:

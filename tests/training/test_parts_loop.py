@@ -15,10 +15,12 @@ from actioncli.model import parts
 from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import read_weights
 from actioncli.training.data import TrainingSet, hold_out
+from actioncli.training.loop import Progress
 from actioncli.training.parts_augment import Batch, augment, joined, mirrored
 from actioncli.training.parts_loop import PartsRecipe, task_loss, train_parts
 from actioncli.training.parts_negatives import KINDS, apart, negatives
 from actioncli.training.parts_tasks import PartTasks
+from actioncli.training.parts_validation import PartsValidation
 
 CONFIG = PartsConfig(width=16, key_width=8, layers=1, evidence=8)
 RECIPE = PartsRecipe(config=CONFIG, steps=6, ways=5, tasks=2, validate_every=3)
@@ -40,11 +42,12 @@ def batch(world: TrainingSet) -> Batch:
 def train(world: TrainingSet, out: Path, steps: int = 6, stop: int | None = None) -> Path:
     data, held = hold_out(world, 0)
 
-    def report(step: int, *_: object) -> None:
-        if step == stop:
+    def report(now: Progress) -> None:
+        if now.step == stop:
             raise KeyboardInterrupt
 
-    return train_parts(replace(RECIPE, steps=steps), data, held, out, 0, ["world"], report)
+    validation = PartsValidation(held, CONFIG, 0)
+    return train_parts(replace(RECIPE, steps=steps), data, validation, out, 0, ["world"], report)
 
 
 def test_the_seed_decides_and_an_interrupted_run_goes_on(
@@ -67,9 +70,10 @@ def test_the_loss_falls(world: TrainingSet, tmp_path: Path) -> None:
     losses: list[float] = []
     data, held = hold_out(world, 0)
     recipe = replace(RECIPE, steps=60, validate_every=60, rate=5e-3)
-    train_parts(recipe, data, held, tmp_path / "w.safetensors", 0, [],
-                lambda _, loss, *__: losses.append(loss))  # fmt: skip
-    assert np.mean(losses[-10:]) < np.mean(losses[:10]) - 0.02
+    validation = PartsValidation(held, CONFIG, 0)
+    out = tmp_path / "w.safetensors"
+    train_parts(recipe, data, validation, out, 0, [], lambda now: losses.append(now.loss))
+    assert losses[-1] < losses[9] - 0.02
 
 
 def test_augmentation_leaves_unit_vectors_and_only_takes_parts_away(batch: Batch) -> None:
@@ -105,13 +109,12 @@ def test_negatives_are_another_motion_unless_it_is_the_same_that_way(batch: Batc
 
 
 def test_a_task_is_of_different_motions(world: TrainingSet) -> None:
-    named = tuple(f"{source}/{letter}" for source in ("one", "two") for letter in "abcdefgh")
-    tasks = PartTasks(replace(world, classes=named), CONFIG.preparation)
+    tasks = PartTasks(world, CONFIG.preparation)
     task = tasks.draw(6, np.random.default_rng(0), chance())
     assert len(task.same) == len(task.changed) == len(task.negatives.bones) == 6
     assert joined([task.supports, task.queries]).bones.shape == (12, 48, 14, 3)
     assert not task.same.diagonal().any()
-    # `one/a` and `two/a` are one motion under one name.
+    # `world0/3` and `world1/3` are one motion under one name.
     assert len(tasks.draw(16, np.random.default_rng(0), chance()).same) <= 8
 
 
