@@ -10,7 +10,7 @@ import puppet
 import pytest
 
 import actioncli
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.skeleton import LAYOUTS
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 CLIPS = [f"{action}/{performer}" for action, performer, *_ in make_examples.CLIPS]

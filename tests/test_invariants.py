@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from actioncli import Clip, ClipError, Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
+from actioncli.clips.skeleton import DEFAULT_JOINTS, select_joints
 from actioncli.recognition.decision import Comparison
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -19,11 +19,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.active import active_part, cut
+from actioncli.clips.active import active_part
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.collection import Collection, read_collection
-from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
+from actioncli.clips.edit import cut
 from actioncli.clips.prepare import sample
+from actioncli.clips.skeleton import DEFAULT_JOINTS, select_joints
 from actioncli.evaluation.episodes import Episode, Protocol, Sampler, possible_ways
 from actioncli.evaluation.metrics import (
     auroc,

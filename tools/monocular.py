@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.clips.prepare import BONES, sample
+from actioncli.clips.prepare import sample
+from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS
 
 _AT = {name: column for column, name in enumerate(DEFAULT_JOINTS)}
 RATE = 15.0

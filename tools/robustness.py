@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.collection import read_collection
-from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
 from actioncli.clips.prepare import sample
+from actioncli.clips.skeleton import DEFAULT_JOINTS, mirrored_columns, select_joints
 from actioncli.evaluation.protocol import evaluate
 from actioncli.evaluation.splits import read_splits
 from actioncli.recognition.decision import Comparison
@@ -93,7 +93,7 @@ def child() -> Disturb:
 
 def mirrored() -> Disturb:
     """The same action by a left-handed performer."""
-    swap = [_AT[{"l": "r", "r": "l"}[n[0]] + n[1:]] if n[0] in "lr" else _AT[n] for n in _AT]
+    swap = mirrored_columns(DEFAULT_JOINTS)
     flip = np.array([-1, 1, 1], np.float32)
     return lambda joints, fps, rng: (joints[:, swap] * flip, fps)
 

@@ -39,7 +39,7 @@ def explain_decision(
         UsageError: it cannot be written.
         SupportError: the action was removed meanwhile.
     """
-    from actioncli.clips.active import cut
+    from actioncli.clips.edit import cut
     from actioncli.recognition.explanation import explain
     from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
 

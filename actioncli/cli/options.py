@@ -36,7 +36,7 @@ def complete_label(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def complete_layout(incomplete: str) -> list[str]:
     """Names of the skeleton layouts for the shell."""
-    from actioncli.clips.layouts import LAYOUTS
+    from actioncli.clips.skeleton import LAYOUTS
 
     return [name for name in LAYOUTS if name.startswith(incomplete)]
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
+from actioncli.clips.edit import cut
+from actioncli.clips.skeleton import DEFAULT_JOINTS, centred, select_joints, torso_length
 
 # Seconds over which speed is averaged; seconds kept before and after the motion.
 _SMOOTHING = 0.3
@@ -106,15 +107,15 @@ def _autocorrelation(signal: FloatArray, longest: int) -> NDArray[np.float64]:
 def limb_speed(clip: Clip) -> FloatArray:
     """(T,) mean speed of the default joints relative to the pelvis, in torso lengths a second."""
     joints = _about_pelvis(clip)
-    torso = np.median(np.linalg.norm(joints[:, DEFAULT_JOINTS.index("neck")], axis=1))
-    velocity = np.gradient(joints, axis=0) * (clip.fps / max(float(torso), 1e-3))
+    torso = float(torso_length(joints, DEFAULT_JOINTS))
+    velocity = np.gradient(joints, axis=0) * (clip.fps / torso)
     return np.asarray(np.linalg.norm(velocity, axis=2).mean(axis=1), np.float32)
 
 
 def _about_pelvis(clip: Clip) -> FloatArray:
     """(T, 15, 3) the default joints, metres from the pelvis."""
     joints = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS, clip.source)
-    return np.asarray(joints - joints[:, [DEFAULT_JOINTS.index("pelv")]], np.float32)
+    return centred(joints, DEFAULT_JOINTS)
 
 
 def _stretches(
@@ -130,25 +131,6 @@ def _stretches(
         else:
             found.append((frame, frame))
     return found
-
-
-def cut(clip: Clip, start: float, end: float) -> Clip:
-    """The part of a clip between two times, seconds from its beginning.
-
-    Raises:
-        ClipError: nothing moves in it.
-    """
-    first = round(start * clip.fps)
-    kept = slice(first, round(end * clip.fps) + 1)
-    return Clip(
-        clip.joints[kept],
-        clip.joint_names,
-        clip.fps,
-        None if clip.confidence is None else clip.confidence[kept],
-        clip.source,
-        clip.notes,
-        clip.start + first / clip.fps,
-    )
 
 
 def action_in(clip: Clip) -> tuple[float, float, int]:

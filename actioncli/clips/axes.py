@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.layouts import default_columns, midpoints
+from actioncli.clips.skeleton import default_columns, midpoints
 from actioncli.errors import AmbiguousClipError
 
 # Metres per unit.

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from actioncli.clips.skeleton import FloatArray as FloatArray
 from actioncli.errors import ClipError
-
-FloatArray = NDArray[np.float32]
 
 # Positions beyond this distance (metres) are not a person near a sensor but a wrong unit.
 LARGEST_COORDINATE = 1e4
@@ -27,7 +26,7 @@ class Clip:
 
     Attributes:
         joints: (T, J, 3) float32, read-only, finite.
-        joint_names: J names, unique; see `actioncli.clips.layouts` for the ones understood.
+        joint_names: J names, unique; see `actioncli.clips.skeleton` for the ones understood.
         fps: frames per second, from `LEAST_FPS` to `MOST_FPS`.
         confidence: (T, J) float32 in [0, 1], read-only, or None where the source has none.
         source: where the clip came from, for people to read (a file name, a camera).

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import BoolArray, fill_gaps, missing_joints
-from actioncli.clips.layouts import default_columns
 from actioncli.clips.read import find_clips, read_clip
+from actioncli.clips.skeleton import default_columns
 from actioncli.errors import ClipError
 
 _KEYS = ("joints_mm", "lengths", "labels", "subjects", "joint_names", "fps")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.layouts import default_columns
+from actioncli.clips.skeleton import default_columns
 from actioncli.errors import ClipError
 
 BoolArray = NDArray[np.bool_]

@@ -13,13 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS, default_columns, select_joints
-from actioncli.clips.prepare import (
+from actioncli.clips.prepare import Preparation, sample_places
+from actioncli.clips.skeleton import (
     BONES,
-    Preparation,
-    sample_places,
+    DEFAULT_JOINTS,
+    LIMBS,
+    bone_columns,
+    centred,
+    default_columns,
+    select_joints,
     standard_body,
     turn_to_front,
+    unit,
 )
 
 PARTS = ("torso", "left arm", "right arm", "left leg", "right leg", "left hand", "right hand")
@@ -33,11 +38,7 @@ HAND_JOINTS = tuple(f"{side}hand{joint}" for side in "lr" for joint in range(21)
 # The joint before each of a hand's joints 1 to 20; every finger begins at the wrist.
 _HAND_PARENTS = [0 if joint % 4 == 1 else joint - 1 for joint in range(1, 21)]
 _JOINT = {name: at for at, name in enumerate(DEFAULT_JOINTS)}
-_CHILDREN = [_JOINT[child] for child, _, _ in BONES]
-_PARENTS = [_JOINT[parent] for _, parent, _ in BONES]
-# Joints of a limb from the trunk outwards: what hangs down where it was not seen.
-_LIMBS = (("lsho", "lelb", "lwri"), ("rsho", "relb", "rwri"), ("lhip", "lkne", "lank"),
-          ("rhip", "rkne", "rank"))  # fmt: skip
+_CHILDREN, _PARENTS = bone_columns(DEFAULT_JOINTS)
 
 BoolArray = NDArray[np.bool_]
 
@@ -71,8 +72,7 @@ def prepare_parts(clips: Sequence[Clip], preparation: Preparation) -> PartFrames
     )
     for row, clip in enumerate(clips):
         body, hands, missing = _filled(clip)
-        joints = np.concatenate([body, hands], axis=1)
-        joints -= joints[:, :1]
+        joints = centred(np.concatenate([body, hands], axis=1), DEFAULT_JOINTS)
         joints = turn_to_front(joints, DEFAULT_JOINTS)
         body = standard_body(joints[:, : len(DEFAULT_JOINTS)], DEFAULT_JOINTS)
         at = sample_places(body, n, preparation.motion)
@@ -91,12 +91,6 @@ def prepare_parts(clips: Sequence[Clip], preparation: Preparation) -> PartFrames
     return prepared
 
 
-def unit(vectors: FloatArray) -> FloatArray:
-    """Vectors of length one; the zero vector stays."""
-    length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
-    return np.asarray(vectors / np.maximum(length, 1e-6), np.float32)
-
-
 def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Default joints (T, 15, 3), hands (T, 42, 3) and missing parts (T, 7) of a clip, no number
     of which comes from a joint that was not seen."""
@@ -112,7 +106,7 @@ def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
     if unseen.any():
         body, lost = _without_unseen(body, unseen, clip.fps)
     missing = np.zeros((len(clip), len(PARTS)), np.bool_)
-    for part, (_, middle, end) in enumerate(_LIMBS, 1):
+    for part, (_, middle, end) in enumerate(LIMBS.values(), 1):
         missing[:, part] = lost[:, _JOINT[middle]] | lost[:, _JOINT[end]]
     hands = np.zeros((len(clip), 42, 3), np.float32)
     missing[:, 5:] = True
@@ -153,7 +147,7 @@ def _without_unseen(
             body[:, at[0]] = middle - down
     for pair, middle in ((("lhip", "rhip"), "pelv"), (("lsho", "rsho"), "neck")):
         body[:, _JOINT[middle]] = body[:, [_JOINT[name] for name in pair]].mean(axis=1)
-    for limb in _LIMBS:
+    for limb in LIMBS.values():
         root, *outer = (_JOINT[name] for name in limb)
         for before, joint in zip((root, *outer), outer, strict=False):
             none = unseen[:, joint]

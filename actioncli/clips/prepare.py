@@ -11,25 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
-
-# Bones of the default joints from the pelvis outwards: joint, its parent, standard length in
-# torso lengths (a rounded adult). A parent always stands before its children.
-BONES: tuple[tuple[str, str, float], ...] = (
-    ("lhip", "pelv", 0.2),
-    ("rhip", "pelv", 0.2),
-    ("neck", "pelv", 1.0),
-    ("lkne", "lhip", 0.8),
-    ("rkne", "rhip", 0.8),
-    ("lank", "lkne", 0.78),
-    ("rank", "rkne", 0.78),
-    ("head", "neck", 0.45),
-    ("lsho", "neck", 0.37),
-    ("rsho", "neck", 0.37),
-    ("lelb", "lsho", 0.58),
-    ("relb", "rsho", 0.58),
-    ("lwri", "lelb", 0.52),
-    ("rwri", "relb", 0.52),
+from actioncli.clips.skeleton import (
+    DEFAULT_JOINTS,
+    centred,
+    lengths_of,
+    select_joints,
+    standard_body,
+    torso_length,
+    turn_to_front,
 )
 
 
@@ -110,8 +99,7 @@ def _posed(clips: Sequence[Clip], preparation: Preparation) -> tuple[FloatArray,
         recorded = np.concatenate([clip.joints for clip in group])
         parts.append(select_joints(recorded, given, names, group[0].source))
     lengths = np.array([len(clip) for clip in clips])
-    joints = np.concatenate(parts)
-    joints -= joints[:, [names.index("pelv")]]
+    joints = centred(np.concatenate(parts), names)
     if preparation.heading:
         joints = turn_to_front(joints, names, lengths)
     if preparation.size == "torso":
@@ -120,57 +108,6 @@ def _posed(clips: Sequence[Clip], preparation: Preparation) -> tuple[FloatArray,
     if preparation.size == "standard":
         joints = standard_body(joints, names)
     return np.asarray(joints, np.float32), lengths
-
-
-def turn_to_front(
-    joints: FloatArray, names: tuple[str, ...], lengths: NDArray[np.intp] | None = None
-) -> FloatArray:
-    """Turn about the vertical until the mean left-to-right axis of hips and shoulders is +x.
-
-    One turn for a whole clip: what the person turns during the action stays visible.
-
-    Args:
-        joints: (T, J, 3).
-        names: J names.
-        lengths: of the clips that stand one after another in `joints`; one clip without it.
-    """
-    right = joints[:, names.index("rhip")] + joints[:, names.index("rsho")]
-    left = joints[:, names.index("lhip")] + joints[:, names.index("lsho")]
-    counts = np.array([len(joints)]) if lengths is None else lengths
-    # Only the direction of the sum matters, so there is no need for the mean.
-    across = np.add.reduceat(right - left, np.cumsum(counts) - counts, axis=0)
-    angle = np.repeat(np.arctan2(across[:, 2], across[:, 0]), counts)[:, None]
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = joints[..., 0], joints[..., 1], joints[..., 2]
-    return np.asarray(np.stack([x * cos + z * sin, y, z * cos - x * sin], axis=-1), np.float32)
-
-
-def torso_length(joints: FloatArray, names: tuple[str, ...]) -> np.float32:
-    """Median distance from pelvis to neck, metres; the median, since single frames jump."""
-    torso = joints[:, names.index("neck")] - joints[:, names.index("pelv")]
-    return np.float32(max(np.median(np.linalg.norm(torso, axis=1)), 1e-3))
-
-
-def standard_body(joints: FloatArray, names: tuple[str, ...]) -> FloatArray:
-    """The same pose on a body of standard proportions: bone directions kept, lengths replaced.
-
-    Args:
-        joints: (T, J, 3) with the pelvis at the origin.
-        names: J names, the default joints in any order.
-
-    Returns:
-        (T, J, 3) in torso lengths.
-    """
-    children = [names.index(joint) for joint, _, _ in BONES]
-    parents = [names.index(parent) for _, parent, _ in BONES]
-    length = np.array([length for _, _, length in BONES], np.float32)
-    bones = joints[:, children] - joints[:, parents]
-    # A bone of no length has no direction and stays a point.
-    bones *= (length / (_norm(bones) + np.float32(1e-6)))[..., None]
-    standard = np.zeros_like(joints)
-    for bone, (child, parent) in enumerate(zip(children, parents, strict=True)):
-        standard[:, child] = standard[:, parent] + bones[:, bone]
-    return standard
 
 
 def sample(joints: FloatArray, frames: int, motion: float = 0.0) -> FloatArray:
@@ -213,7 +150,7 @@ def _places(
     if not motion:
         return first[:, None] + wanted * (lengths - 1)[:, None]
     step = np.diff(joints, axis=0, prepend=joints[:1])
-    moved = _norm(step).mean(axis=1).astype(np.float64)
+    moved = lengths_of(step).mean(axis=1).astype(np.float64)
     moved[first] = 0
     total = np.maximum(np.add.reduceat(moved, first), 1e-9)
     advance = np.repeat((1 - motion) / (lengths - 1), lengths)
@@ -232,8 +169,3 @@ def _between(joints: FloatArray, at: NDArray[np.float64], lengths: NDArray[np.in
     share = (at - before).astype(np.float32).reshape(-1, 1, 1)
     before = before.reshape(-1)
     return np.asarray(joints[before] * (1 - share) + joints[before + 1] * share, np.float32)
-
-
-def _norm(vectors: FloatArray) -> FloatArray:
-    """Lengths of vectors, (..., 3) to (...); numpy's own sums three numbers in a slow way."""
-    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))

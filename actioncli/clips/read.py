@@ -16,9 +16,9 @@ from pathlib import Path
 from actioncli.clips import axes
 from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import fill_gaps
-from actioncli.clips.layouts import LAYOUTS
 from actioncli.clips.persons import most_active
 from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import AmbiguousClipError, ClipError, UsageError
 
 # Suffix to the module of `actioncli.clips.formats` that reads it.
@@ -53,7 +53,7 @@ def read_clip(
 
     Args:
         path: a file with one of `CLIP_SUFFIXES`.
-        layout: one of `layouts.LAYOUTS`; names the joints in column order.
+        layout: one of `skeleton.LAYOUTS`; names the joints in column order.
         fps: frames per second.
         unit: of length: m, cm, mm, in, or metres per unit.
         up: the axis that points up: y, -y (camera axes), z, -z, x or -x.

@@ -6,8 +6,8 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
-from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.clips.prepare import BONES, Preparation
+from actioncli.clips.prepare import Preparation
+from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS
 from actioncli.errors import WeightsError
 
 

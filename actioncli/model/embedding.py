@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.prepare import BONES
+from actioncli.clips.skeleton import BONES
 from actioncli.model import trx_os
 from actioncli.model.arrays import Params
 from actioncli.model.config import ModelConfig

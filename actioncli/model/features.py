@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from actioncli.clips.prepare import BONES
+from actioncli.clips.skeleton import BONES, bone_columns, mirrored_columns
 from actioncli.model.arrays import Array, namespace
 from actioncli.model.config import ModelConfig
-
-# Exchanging left and right of a name: `lwri` is `rwri` in the mirror.
-_OTHER_SIDE = {"l": "r", "r": "l"}
 
 
 def mirror(config: ModelConfig, x: Array) -> Array:
@@ -17,11 +14,7 @@ def mirror(config: ModelConfig, x: Array) -> Array:
         x: (N, F, J, 3) prepared frames.
     """
     xp = namespace(x)
-    names = config.preparation.joints
-    swapped = [
-        names.index(other) if (other := _OTHER_SIDE.get(name[0], "") + name[1:]) in names else at
-        for at, name in enumerate(names)
-    ]
+    swapped = mirrored_columns(config.preparation.joints)
     flip = xp.asarray([-1.0, 1.0, 1.0], dtype=x.dtype)
     return xp.take(x, xp.asarray(swapped), axis=2) * flip
 
@@ -29,9 +22,7 @@ def mirror(config: ModelConfig, x: Array) -> Array:
 def bone_directions(config: ModelConfig, x: Array) -> Array:
     """Unit vectors along the bones of bodies of standard size, (N, F, J, 3) → (N, F, 14, 3)."""
     xp = namespace(x)
-    names = config.preparation.joints
-    children = xp.asarray([names.index(child) for child, _, _ in BONES])
-    parents = xp.asarray([names.index(parent) for _, parent, _ in BONES])
+    children, parents = map(xp.asarray, bone_columns(config.preparation.joints))
     length = xp.asarray([[length] for _, _, length in BONES], dtype=x.dtype)
     return (xp.take(x, children, axis=2) - xp.take(x, parents, axis=2)) / length
 
@@ -53,8 +44,8 @@ def token_features(config: ModelConfig, x: Array) -> Array:
     xp = namespace(x)
     n, frames = x.shape[:2]
     if config.body_features:
-        at = [config.preparation.joints.index(child) for child, _, _ in BONES]
-        joints = xp.take(x, xp.asarray(sorted(at)), axis=2)
+        children, _ = bone_columns(config.preparation.joints)
+        joints = xp.take(x, xp.asarray(sorted(children)), axis=2)
         ends = [joints[:, 1:2] - joints[:, :1], joints[:, -1:] - joints[:, -2:-1]]
         velocity = xp.concat([ends[0], (joints[:, 2:] - joints[:, :-2]) / 2, ends[1]], axis=1)
         deviation = joints - xp.mean(joints, axis=1, keepdims=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.parts import PARTS
-from actioncli.clips.prepare import BONES
+from actioncli.clips.skeleton import BONES
 from actioncli.model.arrays import Array, Params, namespace
 from actioncli.model.parts_config import PartsConfig
 from actioncli.model.trx_os import layer_norm

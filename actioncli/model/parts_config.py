@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.parts import PARTS
 from actioncli.clips.prepare import Preparation
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.errors import WeightsError
 
 METHOD = "parts"

@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
+from actioncli.clips.edit import resample
 from actioncli.errors import ClipError
 from actioncli.files import replacing
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.mp4 import mp4_writer
-from actioncli.pose.poses import LONGEST_GAP, Poses, resample
+from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.region import Image
 from actioncli.pose.sides import JOINT_NAMES
 from actioncli.pose.video import Progress

@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 
-from actioncli.clips.active import action_in, cut
+from actioncli.clips.active import action_in
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.edit import cut, resample
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError, WeightsError
 from actioncli.pose.frames import VideoFile
-from actioncli.pose.poses import LONGEST_GAP, resample
+from actioncli.pose.poses import LONGEST_GAP
 from actioncli.pose.video import LEAST_PRESENT, SAMPLING_RATE, Progress
 
 TERMS = "the weights of MeTRAbs are for non-commercial use only"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.edit import resample
 from actioncli.errors import ClipError
 from actioncli.pose.one_euro import OneEuro
 from actioncli.pose.sides import JOINT_NAMES, settle_sides
@@ -99,13 +100,3 @@ class Poses:
             notes=notes,
             start=float(self.times[0]),
         )
-
-
-def resample(
-    values: FloatArray, times: NDArray[np.float64], wanted: NDArray[np.float64]
-) -> FloatArray:
-    """Values (T, ...) at other times, linear in between."""
-    right = np.searchsorted(times, wanted).clip(1, len(times) - 1)
-    share = (wanted - times[right - 1]) / (times[right] - times[right - 1])
-    share = share.clip(0, 1).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray(values[right - 1] * (1 - share) + values[right] * share, np.float32)

@@ -13,17 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.skeleton import LAYOUTS, mirrored_columns
 
 JOINT_NAMES = LAYOUTS["blazepose_33"]
 
 # Column of each landmark's twin on the other side; the nose is its own.
-TWINS = np.array(
-    [
-        JOINT_NAMES.index({"l": "r", "r": "l"}[name[0]] + name[1:]) if name != "nose" else 0
-        for name in JOINT_NAMES
-    ]
-)
+TWINS = np.array(mirrored_columns(JOINT_NAMES))
 
 
 def _columns(*joints: str) -> list[int]:

@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.clips.prepare import BONES, prepare
+from actioncli.clips.prepare import prepare
+from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS
 from actioncli.model import compare, trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import asked_view, embed, in_view, token_columns

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from actioncli.clips.active import cut
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.edit import cut
 from actioncli.clips.prepare import prepare_all
 from actioncli.errors import SupportError, WeightsError
 from actioncli.model import compare, parts_compare

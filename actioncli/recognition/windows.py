@@ -16,9 +16,9 @@ from math import inf
 
 import numpy as np
 
-from actioncli.clips.active import cut
 from actioncli.clips.axes import median
 from actioncli.clips.clip import Clip
+from actioncli.clips.edit import cut
 from actioncli.errors import ClipError
 
 # A clip is long if it lasts so many times as long as the median of the enrolled ones.

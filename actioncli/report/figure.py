@@ -5,16 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import default_columns
-from actioncli.clips.prepare import BONES, turn_to_front
+from actioncli.clips.skeleton import BONES, Side, default_columns, side_of, turn_to_front
 
-Side = Literal["left", "right", "middle"]
 Bone = tuple[int, int, Side]
 
 # Below this confidence a joint is marked as a guess; filled gaps have 0.
@@ -111,11 +108,6 @@ def project(points: FloatArray, yaw: float = 0.35, pitch: float = 0.12) -> Float
     away = z * np.cos(yaw) - x * np.sin(yaw)
     up = y * np.cos(pitch) + away * np.sin(pitch)
     return np.stack([right, up], axis=-1)
-
-
-def side_of(joint: str) -> Side:
-    """The side of the body that a default joint belongs to."""
-    return "left" if joint[0] == "l" else "right" if joint[0] == "r" else "middle"
 
 
 def _grounded(points: FloatArray, names: Sequence[str]) -> FloatArray:

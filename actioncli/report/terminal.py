@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.report.figure import Figure, Side, project
+from actioncli.clips.skeleton import Side
+from actioncli.report.figure import Figure, project
 
 # Bits of a braille character for the dots of its four rows and two columns (Unicode 2800).
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])

@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.report.figure import figure
 from actioncli.report.page import playable

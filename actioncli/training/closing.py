@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.prepare import BONES, prepare
+from actioncli.clips.prepare import prepare
+from actioncli.clips.skeleton import BONES
 from actioncli.model import compare
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import asked_view, embed

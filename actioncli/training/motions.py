@@ -1,7 +1,7 @@
 """Motions that training can bend: bone directions over time, from which bodies are rebuilt.
 
 Everything here works on batches (B, 64, 14, 3) of unit vectors along the bones of
-`actioncli.clips.prepare.BONES`, turned to the common heading, equidistant in time. Parts of two
+`actioncli.clips.skeleton.BONES`, turned to the common heading, equidistant in time. Parts of two
 people's motions can be put together without tearing a body apart, and whatever is added to a
 direction leaves the bones' lengths as they are.
 """
@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.clips.prepare import BONES, Preparation, prepare
+from actioncli.clips.prepare import Preparation, prepare
+from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, LIMBS, bone_columns
 
 FRAMES = 64
 
@@ -27,8 +27,8 @@ def bones_of(*joints: str) -> list[int]:
     return [_AT[joint] for joint in joints]
 
 
-LEFT_ARM, RIGHT_ARM = bones_of("lelb", "lwri"), bones_of("relb", "rwri")
-LEFT_LEG, RIGHT_LEG = bones_of("lkne", "lank"), bones_of("rkne", "rank")
+# The two bones of each limb.
+LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG = (bones_of(*limb[1:]) for limb in LIMBS.values())
 
 
 def directions(clips: list[Clip], preparation: Preparation) -> Tensor:
@@ -48,8 +48,7 @@ def bone_lengths(clips: list[Clip], preparation: Preparation) -> Tensor:
 
 def _bones(clips: list[Clip], how: Preparation) -> Tensor:
     joints = torch.from_numpy(np.stack([prepare(clip, how) for clip in clips]))
-    children = [DEFAULT_JOINTS.index(child) for child, _, _ in BONES]
-    parents = [DEFAULT_JOINTS.index(parent) for _, parent, _ in BONES]
+    children, parents = bone_columns(DEFAULT_JOINTS)
     bones: Tensor = joints[:, :, children] - joints[:, :, parents]
     return bones
 

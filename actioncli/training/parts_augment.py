@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Generator, Tensor
 
-from actioncli.clips.prepare import BONES
+from actioncli.clips.skeleton import BONES, mirrored_columns
 from actioncli.training.motions import LENGTHS, bones_of
 
 LEGS = bones_of("lkne", "rkne", "lank", "rank")
@@ -143,9 +143,7 @@ def _unseen(batch: Batch, chance: Generator) -> Batch:
 
 def mirrored(batch: Batch) -> Batch:
     """Left and right exchanged."""
-    sides = {"l": "r", "r": "l"}
-    names = [child for child, _, _ in BONES]
-    order = bones_of(*(sides.get(name[0], name[0]) + name[1:] for name in names))
+    order = mirrored_columns([child for child, _, _ in BONES])
     flip = torch.tensor([-1.0, 1.0, 1.0], device=batch.bones.device)
     hands = torch.cat([batch.hands[:, :, 20:], batch.hands[:, :, :20]], 2)
     return Batch(

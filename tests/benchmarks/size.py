@@ -31,7 +31,7 @@ import numpy as np
 
 import actioncli
 from actioncli.clips.collection import read_collection
-from actioncli.clips.layouts import DEFAULT_JOINTS, select_joints
+from actioncli.clips.skeleton import DEFAULT_JOINTS, select_joints
 from actioncli.clips.write import write_clip
 from actioncli.model import compare
 from actioncli.report.plots import Axis, Plot, fitting

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from actioncli import Clip, SupportStore, read_clip
 from actioncli.cli.app import app
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ACTIONS = {

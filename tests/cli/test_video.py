@@ -23,7 +23,7 @@ from pose.videos import streamed
 from actioncli import SupportStore, read_clip
 from actioncli.cli import camera
 from actioncli.cli.processes import cores
-from actioncli.clips.active import cut
+from actioncli.clips.edit import cut
 from actioncli.pose import stream
 from actioncli.pose import video as pose_video
 from actioncli.pose.frames import Frame, VideoFile

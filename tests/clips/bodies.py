@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS, default_columns
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS, default_columns
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actioncli.clips.active import _autocorrelation, action_in, active_part, cut, repetition
+from actioncli.clips.active import _autocorrelation, action_in, active_part, repetition
 from actioncli.clips.clip import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.edit import cut
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 
 
 def clip_of(moving: np.ndarray, fps: float = 20.0, seen: np.ndarray | None = None) -> Clip:

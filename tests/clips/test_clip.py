@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.errors import ClipError
 
 from .bodies import waving

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from actioncli.clips.collection import Collection, read_collection
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 from actioncli.errors import ClipError
 
 from .bodies import waving, write_npy, write_npz

@@ -18,8 +18,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actioncli.clips.collection import read_collection
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
 from actioncli.clips.read import CLIP_SUFFIXES, read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 from actioncli.errors import ClipError
 from tests.security.limits import run_limited
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from actioncli.clips.gaps import fill_gaps
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 from actioncli.errors import ClipError
 
 from .bodies import CENTRE, waving

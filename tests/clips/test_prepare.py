@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS
-from actioncli.clips.prepare import BONES, Preparation, prepare, prepare_all, prepared_at, sample
+from actioncli.clips.prepare import Preparation, prepare, prepare_all, prepared_at, sample
+from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, mirrored_columns
 from actioncli.errors import ClipError
 
 PAPER = Preparation()
@@ -98,9 +98,7 @@ def test_a_bone_without_length_stays_finite() -> None:
 def test_left_and_right_stay_apart() -> None:
     joints = waving()
     mirrored = joints * np.array([-1, 1, 1], np.float32)
-    swap = [
-        AT[{"l": "r", "r": "l"}[n[0]] + n[1:]] if n[0] in "lr" else AT[n] for n in DEFAULT_JOINTS
-    ]
+    swap = mirrored_columns(DEFAULT_JOINTS)
     other_hand = prepared(mirrored[:, swap])
     ours = prepared(joints)
     np.testing.assert_allclose(other_hand, ours[:, swap] * [-1, 1, 1], atol=1e-3)

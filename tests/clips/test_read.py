@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.collection import read_collection
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS, select_joints
 from actioncli.clips.read import CLIP_SUFFIXES, find_clips, read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS, select_joints
 from actioncli.errors import AmbiguousClipError, ClipError, UsageError
 
 from .bodies import (

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.read import read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.clips.write import WRITERS, write_clip
 from actioncli.errors import ClipError, UsageError
 

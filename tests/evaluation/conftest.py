@@ -7,7 +7,7 @@ import pytest
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.collection import Collection
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 
 # A person who stands and faces the sensor, metres.
 STANDING = {

@@ -31,8 +31,8 @@ from clips.bodies import (
 )
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
 from actioncli.clips.prepare import Preparation
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.recognition.threshold import Threshold, keep_threshold

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.read import read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.live.events import STRIDE, Event, Sighting, Spotter
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights

@@ -8,7 +8,7 @@ import pytest
 from report.test_figure import standing
 
 from actioncli import Clip, ClipError, UsageError
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.live.events import Event, Sighting
 from actioncli.live.recorder import Kept, Recorder, kept_clips
 from actioncli.recognition.threshold import Threshold

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.prepare import prepare
 from actioncli.clips.read import read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.model import compare, trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import embed

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from actioncli.clips.layouts import LAYOUTS, default_columns
+from actioncli.clips.skeleton import LAYOUTS, default_columns
 from actioncli.errors import ClipError, WeightsError
 from actioncli.pose.metrabs import TERMS, PoseModel, load_model, read_metrabs_clip
 

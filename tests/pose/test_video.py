@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from actioncli.clips.layouts import LAYOUTS
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError, UsageError
 from actioncli.pose import cache
 from actioncli.pose.region import Image

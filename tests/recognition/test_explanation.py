@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from actioncli import Clip, Recognizer, read_clip
-from actioncli.clips.layouts import LAYOUTS
 from actioncli.clips.prepare import Preparation
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import closing_shapes
 from actioncli.model.trx_os import parameter_shapes

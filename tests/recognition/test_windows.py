@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actioncli import Clip, Recognizer, read_clip
-from actioncli.clips.active import cut
+from actioncli.clips.edit import cut
 from actioncli.recognition.windows import LONG, most_windows, odds_factor, window_lengths, windows
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

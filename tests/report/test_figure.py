@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from actioncli import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 from actioncli.report.figure import figure, project
 
 # A body that stands and faces the sensor (metres): its left side at smaller x.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from actioncli import Clip, read_clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.report.figure import figure
 from actioncli.report.page import Stage, page, playable, table
 from actioncli.report.plots import SHARES, Axis, Plot

@@ -12,7 +12,7 @@ import pytest
 from clips.bodies import waving
 
 from actioncli import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.clips.write import write_clip
 from actioncli.live.events import Event
 from actioncli.live.recorder import Recorder, kept_clips

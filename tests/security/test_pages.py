@@ -13,7 +13,7 @@ import pytest
 from report.browser import ask, needs_chromium
 
 from actioncli import SupportStore, read_clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.report.figures import write_csv
 
 from .conftest import EXAMPLES, Invoke

@@ -15,7 +15,7 @@ import pytest
 from clips.bodies import waving
 
 from actioncli import Clip, Recognizer, StoreError, SupportStore
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.store.record import seal
 
 BODY = waving(12)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from actioncli import SupportStore, read_clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 
 from .conftest import EXAMPLES, Invoke
 

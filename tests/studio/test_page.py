@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from actioncli import SupportStore, read_clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.recognition.threshold import kept_threshold
 from actioncli.studio.app import Studio
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.training.data import TrainingSet
 
 # Tests run side by side: threads of small products would only wait for one another.

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.prepare import Preparation, prepare
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.training import augment, estimator, motions
 from actioncli.training.data import TrainingSet, cut_long_recordings
 from actioncli.training.recipes import RECIPES

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.formats.files import Numbers, text_lines
-from actioncli.clips.layouts import LAYOUTS
 from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, Recording
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError
 
 _LAYOUT = "kinect_v2_25"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from actioncli.clips.formats.npz import read
-from actioncli.clips.layouts import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.errors import ClipError
 
 from ..bodies import waving, write_npz

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from actioncli.clips.formats.ntu import read
-from actioncli.clips.layouts import LAYOUTS
 from actioncli.clips.read import read_clip
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError
 
 from ..bodies import kinect_v2, waving, write_ntu

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from actioncli.clips.formats.trc import read
-from actioncli.clips.layouts import DEFAULT_JOINTS
 from actioncli.clips.read import read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.errors import ClipError
 
 from ..bodies import waving, write_trc

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from actioncli.clips.layouts import DEFAULT_JOINTS, LAYOUTS, default_columns, select_joints
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS, default_columns, select_joints
 from actioncli.errors import ClipError
 
 MIXAMO = ["Hips", "Spine", "Neck", "Head"] + [

@@ -1,4 +1,4 @@
-"""Skeleton layouts: which joint stands in which column, and how joints map to one another.
+"""The skeleton: layouts, the joints that models read, their bones, and the body's geometry.
 
 Files name joints in many ways; the model asks for joints by the short names of MeTRAbs
 (`lsho`, `rkne`). Two joints that sensors place differently, pelvis and neck, are defined alike
@@ -13,13 +13,47 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import takewhile
 from types import MappingProxyType
+from typing import Literal
 
-from actioncli.clips.clip import FloatArray
+import numpy as np
+from numpy.typing import NDArray
+
 from actioncli.errors import ClipError
+
+FloatArray = NDArray[np.float32]
 
 # The 15 joints that every sensor has, in the order in which the default model reads them.
 _DEFAULT_15 = "pelv lhip rhip lkne rkne lank rank neck head lsho rsho lelb relb lwri rwri"
 DEFAULT_JOINTS = tuple(_DEFAULT_15.split())
+# Bones of the default joints from the pelvis outwards: joint, its parent, standard length in
+# torso lengths (a rounded adult). A parent always stands before its children.
+BONES: tuple[tuple[str, str, float], ...] = (
+    ("lhip", "pelv", 0.2),
+    ("rhip", "pelv", 0.2),
+    ("neck", "pelv", 1.0),
+    ("lkne", "lhip", 0.8),
+    ("rkne", "rhip", 0.8),
+    ("lank", "lkne", 0.78),
+    ("rank", "rkne", 0.78),
+    ("head", "neck", 0.45),
+    ("lsho", "neck", 0.37),
+    ("rsho", "neck", 0.37),
+    ("lelb", "lsho", 0.58),
+    ("relb", "rsho", 0.58),
+    ("lwri", "lelb", 0.52),
+    ("rwri", "relb", 0.52),
+)
+
+# The joints of each limb, from the trunk outwards.
+LIMBS: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+    {
+        "left arm": ("lsho", "lelb", "lwri"),
+        "right arm": ("rsho", "relb", "rwri"),
+        "left leg": ("lhip", "lkne", "lank"),
+        "right leg": ("rhip", "rkne", "rank"),
+    }
+)
+Side = Literal["left", "right", "middle"]
 
 _SMPL_24 = (
     "pelv lhip rhip spi1 lkne rkne spi2 lank rank spi3 ltoe rtoe "
@@ -183,3 +217,89 @@ def _columns_of(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[tuple[
     derived = default_columns(names)
     by_name: dict[str, tuple[int, ...]] = {_key(name): (at,) for at, name in enumerate(names)}
     return tuple(derived.get(name) or by_name.get(_key(name), ()) for name in wanted)
+
+
+def side_of(joint: str) -> Side:
+    """The side of the body that a joint with a short name belongs to."""
+    return "left" if joint[0] == "l" else "right" if joint[0] == "r" else "middle"
+
+
+def mirrored_columns(names: Sequence[str]) -> list[int]:
+    """For each joint with a short name the column of its counterpart on the other side.
+
+    A joint without one is its own: `lwri` is `rwri` in the mirror, `head` stays.
+    """
+    other = {"l": "r", "r": "l"}
+    column = {name: at for at, name in enumerate(names)}
+    return [column.get(other.get(name[0], "") + name[1:], at) for name, at in column.items()]
+
+
+def bone_columns(names: Sequence[str]) -> tuple[list[int], list[int]]:
+    """The columns of the outer and of the inner ends of `BONES`, where `names` are the joints."""
+    ends = [(names.index(child), names.index(parent)) for child, parent, _ in BONES]
+    return [child for child, _ in ends], [parent for _, parent in ends]
+
+
+def lengths_of(vectors: FloatArray) -> FloatArray:
+    """Lengths of vectors, (..., 3) to (...); numpy's own sums three numbers in a slow way."""
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Vectors of length one, (..., 3); the zero vector stays."""
+    return np.asarray(vectors / np.maximum(lengths_of(vectors), 1e-6)[..., None], np.float32)
+
+
+def centred(joints: FloatArray, names: Sequence[str]) -> FloatArray:
+    """(T, J, 3) relative to the pelvis in each frame."""
+    return joints - joints[:, [names.index("pelv")]]
+
+
+def turn_to_front(
+    joints: FloatArray, names: Sequence[str], lengths: NDArray[np.intp] | None = None
+) -> FloatArray:
+    """Turn about the vertical until the mean left-to-right axis of hips and shoulders is +x.
+
+    One turn for a whole clip: what the person turns during the action stays visible.
+
+    Args:
+        joints: (T, J, 3).
+        names: J names.
+        lengths: of the clips that stand one after another in `joints`; one clip without it.
+    """
+    right = joints[:, names.index("rhip")] + joints[:, names.index("rsho")]
+    left = joints[:, names.index("lhip")] + joints[:, names.index("lsho")]
+    counts = np.array([len(joints)]) if lengths is None else lengths
+    # Only the direction of the sum matters, so there is no need for the mean.
+    across = np.add.reduceat(right - left, np.cumsum(counts) - counts, axis=0)
+    angle = np.repeat(np.arctan2(across[:, 2], across[:, 0]), counts)[:, None]
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y, z = joints[..., 0], joints[..., 1], joints[..., 2]
+    return np.asarray(np.stack([x * cos + z * sin, y, z * cos - x * sin], axis=-1), np.float32)
+
+
+def torso_length(joints: FloatArray, names: Sequence[str]) -> np.float32:
+    """Median distance from pelvis to neck, metres; the median, since single frames jump."""
+    torso = joints[:, names.index("neck")] - joints[:, names.index("pelv")]
+    return np.float32(max(np.median(np.linalg.norm(torso, axis=1)), 1e-3))
+
+
+def standard_body(joints: FloatArray, names: Sequence[str]) -> FloatArray:
+    """The same pose on a body of standard proportions: bone directions kept, lengths replaced.
+
+    Args:
+        joints: (T, J, 3) with the pelvis at the origin.
+        names: J names, the default joints in any order.
+
+    Returns:
+        (T, J, 3) in torso lengths.
+    """
+    children, parents = bone_columns(names)
+    length = np.array([length for _, _, length in BONES], np.float32)
+    bones = joints[:, children] - joints[:, parents]
+    # A bone of no length has no direction and stays a point.
+    bones *= (length / (lengths_of(bones) + np.float32(1e-6)))[..., None]
+    standard = np.zeros_like(joints)
+    for bone, (child, parent) in enumerate(zip(children, parents, strict=True)):
+        standard[:, child] = standard[:, parent] + bones[:, bone]
+    return standard
