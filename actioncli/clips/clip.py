@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from html import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from actioncli.clips.drawing import strip
 from actioncli.clips.skeleton import FloatArray as FloatArray
 from actioncli.errors import ClipError
 
@@ -120,6 +122,13 @@ class Clip:
     def __repr__(self) -> str:
         frames, joints, _ = self.joints.shape
         return f"Clip({frames} frames, {joints} joints, {self.fps:g} fps, {self.source!r})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the skeleton at some moments, or the line of `repr`."""
+        source = self.source if len(self.source) <= 30 else f"…{self.source[-29:]}"
+        caption = f"{len(self)} frames, {self.duration:.1f} s, {source}".rstrip(", ")
+        picture = strip(self.joints, self.joint_names, caption)
+        return picture or f"<pre>{escape(repr(self))}</pre>"
 
 
 def _frozen(values: ArrayLike, what: str) -> FloatArray:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pickle
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -30,6 +31,27 @@ def test_a_clip_is_frozen() -> None:
 def test_a_clip_survives_a_process() -> None:
     clip = pickle.loads(pickle.dumps(Clip(waving(), DEFAULT_JOINTS)))  # noqa: S301 - our own
     np.testing.assert_array_equal(clip.joints, waving().astype(np.float32))
+
+
+def test_a_notebook_shows_the_skeleton() -> None:
+    clip = Clip(waving(), DEFAULT_JOINTS, 25, source="<a> & \x1b\udcff.npy")
+    svg = ElementTree.fromstring(clip._repr_html_())
+    lines = [part for part in svg if part.tag.endswith("line")]
+    colours = {line.get("stroke") for line in lines}
+    assert (len(lines), len(colours)) == (5 * 14, 3)
+    for line in lines:
+        assert all(0 <= float(line.attrib[x]) <= 320 for x in ("x1", "x2"))
+        assert all(0 <= float(line.attrib[y]) <= 138 for y in ("y1", "y2"))
+    # Who faces the viewer has the left hand on the right of the picture.
+    x = {side: [float(line.attrib["x1"]) for line in lines[:14] if line.get("stroke") == colour]
+         for side, colour in (("left", "#0072b2"), ("right", "#d55e00"))}  # fmt: skip
+    assert np.mean(x["left"]) > np.mean(x["right"])
+    assert svg[-1].text == "40 frames, 1.6 s, <a> & \ufffd\ufffd.npy"
+
+    long = Clip(waving(), DEFAULT_JOINTS, 25, source=f"{50 * 'a'}/b.npy")
+    assert f"40 frames, 1.6 s, …{23 * 'a'}/b.npy<" in long._repr_html_()
+    part = Clip(waving()[:, :3], ["<b>", "c", "d"])
+    assert part._repr_html_() == "<pre>Clip(40 frames, 3 joints, 30 fps, &#x27;&#x27;)</pre>"
 
 
 @pytest.mark.parametrize(
