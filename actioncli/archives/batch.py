@@ -10,14 +10,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import pyarrow as pa
 
 from actioncli._version import __version__
 from actioncli.archives.results import SCHEMA, Results, Row, file_named, storable
 from actioncli.errors import ActionCliError, ClipError, UsageError
-from actioncli.pose.media import read_any
+from actioncli.pose.read import ReadOptions, read_any
 from actioncli.recognition.support import SupportSet
 
 # Files of one pipeline: what is in memory at once. Starting workers for the next takes seconds.
@@ -34,12 +33,12 @@ class Task:
 
     Attributes:
         support: what is enrolled.
-        options: how to read files, see `read_any`.
+        options: how to read files.
         version: of the actioncli that asks; one worker of another could decide otherwise.
     """
 
     support: SupportSet
-    options: dict[str, Any] = field(default_factory=dict)
+    options: ReadOptions = field(default_factory=ReadOptions)
     version: str = __version__
 
 
@@ -66,7 +65,7 @@ class Stage:
         """What a file shows, or why that cannot be told; see `batch_results.SCHEMA`."""
         task = self._task
         try:
-            clip = read_any(file_named(source), **task.options)
+            clip = read_any(file_named(source), task.options)
             decision = task.support.classify(clip)
         except ActionCliError as error:
             return _failed(source, type(error).__name__, str(error))

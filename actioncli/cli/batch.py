@@ -5,35 +5,26 @@ from __future__ import annotations
 import json
 import time
 from contextlib import closing
+from dataclasses import asdict
 from hashlib import sha256
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actioncli._version import __version__
-from actioncli.cli.command import Options, Settings, command
+from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_place, load_support
-from actioncli.cli.options import (
-    CacheOption,
-    PersonOption,
-    QualityOption,
-    TauOption,
-    WeightsOption,
-    checked_quality,
-    checked_tau,
-    file_options,
-)
+from actioncli.cli.options import ArchiveReading, TauOption, WeightsOption, checked_tau
 from actioncli.cli.output import note, plural, printable, progress, say, write_json
 from actioncli.errors import ClipError, UsageError
+from actioncli.pose.read import ReadOptions
 
 if TYPE_CHECKING:
     from actioncli.archives.batch import Task
     from actioncli.archives.results import Results
-
-FileOptions = Annotated[dict[str, Any], Options(lambda _, **fields: fields, (file_options,))]
 
 
 @command
@@ -61,10 +52,7 @@ def batch(
         ),
     ] = None,
     weights: WeightsOption = None,
-    files: FileOptions,
-    quality: QualityOption = None,
-    person: PersonOption = None,
-    cache: CacheOption = True,
+    options: ArchiveReading,
 ) -> None:
     """Classify archives of recordings, on all cores or a cluster.
 
@@ -111,11 +99,8 @@ def batch(
     check_place(output)
     from actioncli.archives.results import Results, storable
 
-    network = None if quality is None else checked_quality(quality)
-    options = {**files, "quality": network, "person": person}
-    task = _task(settings, weights, tau, {k: v for k, v in options.items() if v is not None})
+    task = _task(settings, weights, tau, options)
     basis = {"INPUT": storable(str(recordings.absolute())), **_basis(task)}
-    task.options["cache"] = cache
 
     begun = time.monotonic()
     with Results.opened(output, basis) as results:
@@ -170,7 +155,7 @@ def _decide(settings: Settings, task: Task, address: str | None, results: Result
 
 
 def _task(
-    settings: Settings, weights: Path | None, tau: float | None, options: dict[str, object]
+    settings: Settings, weights: Path | None, tau: float | None, options: ReadOptions
 ) -> Task:
     from actioncli.archives.batch import Task
     from actioncli.recognition.recognizer import Recognizer
@@ -189,12 +174,17 @@ def _basis(task: Task) -> dict[str, str]:
         digest.update(embeddings.tobytes())
     digest.update(json.dumps(list(support.durations.values())).encode())
     tau = {"": support.threshold.tau, **support.threshold.actions}
+    options = {
+        name: value
+        for name, value in asdict(task.options).items()
+        if value is not None and name != "cache"
+    }
     return {
         "version of actioncli": __version__,
         "weights": support.recognizer.weights.checksum,
         "support set": digest.hexdigest(),
         "tau": json.dumps(tau, sort_keys=True),
-        "options": json.dumps(dict(task.options), sort_keys=True),
+        "options": json.dumps(options, sort_keys=True),
     }
 
 

@@ -11,8 +11,9 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.options import FileReading, WeightsOption
 from actioncli.cli.output import plural, printable, progress, say, table, write_json
-from actioncli.cli.reading import Reading, named_clips, read_each, report_bad_clip, sharing
+from actioncli.cli.reading import read_each, report_bad_clip
 from actioncli.errors import ClipError, UsageError
+from actioncli.pose.read import ReadOptions, find_any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +62,7 @@ def calibrate(
         ),
     ] = None,
     weights: WeightsOption = None,
-    reading: FileReading,
+    options: FileReading,
 ) -> None:
     """Measure which threshold suits the support set.
 
@@ -114,7 +115,7 @@ def calibrate(
     with settings.open_store() as store:
         support = SupportSet.load(store, recognizer)
         support.require_actions()
-        others, failed = _read(settings, reading, recognizer, negatives or [])
+        others, failed = _read(settings, options, recognizer, negatives or [])
         found = calibration.calibrate(
             support,
             others,
@@ -165,23 +166,21 @@ def _forget(settings: Settings) -> None:
 
 
 def _read(
-    settings: Settings, reading: Reading, recognizer: Recognizer, paths: Sequence[Path]
+    settings: Settings, options: ReadOptions, recognizer: Recognizer, paths: Sequence[Path]
 ) -> tuple[FloatArray, int]:
     """Embeddings of the clips that can be used, and how many cannot."""
     import numpy as np
 
     embeddings = [recognizer.embed([])]
     failed = 0
-    files = named_clips(paths) if paths else []
-    read = read_each(files, reading.read, "Reading", shown=reading.shown, processes=sharing(files))
-    for path, clip in read:
+    for path, clip in read_each(find_any(paths), options, shown=not settings.quiet):
         try:
             if isinstance(clip, ClipError):
                 raise clip
             embeddings.append(recognizer.embed([clip]))
         except ClipError as unusable:
             failed += 1
-            report_bad_clip(unusable)
+            report_bad_clip(path, unusable)
         else:
             tell_notes(settings, path, clip.notes)
     return np.concatenate(embeddings), failed

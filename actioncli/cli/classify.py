@@ -9,38 +9,24 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support, tell_notes
-from actioncli.cli.explain import check_explanation, explain_decision
-from actioncli.cli.options import (
-    ClipArguments,
-    ClipReading,
-    TauOption,
-    WeightsOption,
-    checked_tau,
-)
-from actioncli.cli.output import (
-    error_entry,
-    printable,
-    progress,
-    say,
-    steps,
-    table,
-    write_json,
-)
+from actioncli.cli.options import ClipArguments, ClipReading, TauOption, WeightsOption
+from actioncli.cli.output import printable, progress, say, steps, table, write_json
 from actioncli.cli.processes import cores, in_processes
-from actioncli.cli.reading import named_clips, or_error, report_bad_clip, sharing
-from actioncli.cli.video import check_annotation, write_annotation
-from actioncli.errors import ClipError
+from actioncli.cli.reading import read_shown, report_bad_clip, sharing
+from actioncli.cli.video import check_annotation, read_annotated, write_annotation
+from actioncli.errors import ClipError, UsageError
+from actioncli.pose.read import ReadOptions, find_any, is_video
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.pose.poses import Poses
     from actioncli.recognition.decision import Decision
+    from actioncli.recognition.support import SupportSet
 
 # Files of joints that are classified together, at most.
 _BATCH = 64
@@ -54,7 +40,7 @@ def classify(
     tau: TauOption = None,
     top: Annotated[int, typer.Option(metavar="N", min=0, help="Length of the ranking.")] = 5,
     weights: WeightsOption = None,
-    reading: ClipReading,
+    options: ClipReading,
     explain: Annotated[
         Path | None,
         typer.Option(
@@ -103,58 +89,46 @@ def classify(
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from actioncli.recognition.recognizer import Recognizer
 
-    if tau is not None:
-        checked_tau(tau)
     if annotate is not None:
-        check_annotation(clips, annotate, reading.metrabs is not None)
+        check_annotation(clips, annotate, options.metrabs is not None)
     if explain is not None:
-        check_explanation(clips, explain)
+        from actioncli.clips.read import find_clips
+        from actioncli.report.explanation import check_page
+
+        check_page(explain)
+        if len(find_clips(clips)) != 1:
+            raise UsageError("--explain tells about one clip: name one file, and no other.")
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = load_support(settings, store, recognizer, tau)
-    # Where --start or --end name the part, no other is looked for.
-    cut_out = reading.start is not None or reading.end is not None
 
+    kept: list[Any] = []
+
+    def keeping(path: Path, options: ReadOptions, shown: bool) -> Clip:
+        """Read the one clip that is drawn, and keep what is drawn: a video is looked at once."""
+        if annotate is None:
+            kept[:] = read_shown(path, options, shown), None
+        else:
+            kept[:] = read_annotated(path, options, shown)
+        clip: Clip = kept[0]
+        return clip
+
+    read = read_shown if annotate is None and explain is None else keeping
     entries: list[dict[str, object]] = []
     failed = rejected = 0
-    streams = not settings.json and sys.stdout.isatty()
-    paths = named_clips(clips)
-
-    def decide(clips: Sequence[Clip]) -> list[Decision]:
-        # One clip can last hours; of many, their number shows how far the work is.
-        with steps(shown=len(paths) == 1 and not settings.quiet) as step:
-            compared = None if step is None else functools.partial(step, "Comparing")
-            return support.classify_all(clips, cut_out, compared)
-
-    seen: dict[Path, Poses] = {}
-
-    def read(path: Path, shown: bool) -> Clip:
-        if annotate is None:
-            return reading.read(path, shown)
-        from actioncli.pose.video import clip_of
-
-        # The video is looked at once, for the decision and for the drawing.
-        seen[path] = reading.poses(path)
-        return clip_of(seen[path], path, whole=cut_out)
-
-    shown = not (streams or settings.quiet)
-    drawn = annotate is not None or explain is not None
-    together = sharing(paths, reading.metrabs)
-    for path, outcome, milliseconds in _decided(paths, read, decide, together, shown, drawn):
-        if isinstance(outcome, ClipError):
+    decided = _decided(settings, find_any(clips), options, read, support)
+    for path, decision, milliseconds in decided:
+        if isinstance(decision, ClipError):
             failed += 1
-            report_bad_clip(outcome)
-            entries.append({"source": str(path), "error": error_entry(outcome, outcome.exit_code)})
+            entries.append(report_bad_clip(path, decision))
             continue
-        clip, decision = outcome
         if annotate is not None:
-            write_annotation(path, annotate, seen[path], decision, shown=reading.shown)
-        if explain is not None and clip is not None:
-            explain_decision(settings, recognizer, clip, decision, explain)
+            write_annotation(path, annotate, kept[1], decision, shown=not settings.quiet)
+        if explain is not None:
+            _explain(settings, support, kept[0], decision, explain)
         rejected += not decision.accepted
         if settings.json:
-            told = {"source": str(path), "ms": milliseconds}
-            entries.append({**told, **decision.to_json(top)})
+            entries.append({"source": str(path), **decision.to_json(top), "ms": milliseconds})
         else:
             tell_notes(settings, path, decision.notes)
             _print(str(path), decision, 0 if settings.quiet else top, milliseconds)
@@ -176,71 +150,94 @@ def classify(
 
 
 def _decided(
+    settings: Settings,
     paths: Sequence[Path],
-    read: Callable[[Path, bool], Clip],
-    decide: Callable[[Sequence[Clip]], list[Decision]],
-    together: int,
-    shown: bool,
-    with_clip: bool,
-) -> Iterator[tuple[Path, tuple[Clip | None, Decision] | ClipError, float]]:
+    options: ReadOptions,
+    read: Callable[[Path, ReadOptions, bool], Clip],
+    support: SupportSet,
+) -> Iterator[tuple[Path, Decision | ClipError, float]]:
     """Read and decide, many files of joints at a time, in as many processes as there are cores.
 
-    Args:
-        read: reads a clip; the second argument says whether a video may show how far it is read.
-        together: in how many processes to read videos.
-        shown: whether to show a progress bar; a video that is read alone has one of its own.
-        with_clip: whether the clips are wanted too, which are large to hand on.
-
     Returns:
-        Path, clip and decision (or what is wrong), and its share of the time, milliseconds.
+        Path, decision or what is wrong, and its share of the time, milliseconds.
     """
-    from actioncli.pose.media import is_video
-
     videos = any(map(is_video, paths))
-    processes = together if videos else cores()
+    processes = sharing(paths, options) if videos else cores()
     size = 1 if videos else min(_BATCH, -(-len(paths) // processes) or 1)
-    one_by_one = videos and processes == 1
     batches = [paths[at : at + size] for at in range(0, len(paths), size)]
+    # On a terminal, lines of text tell how far the work is; a video that is read alone has a bar.
+    one_by_one = videos and processes == 1
+    shown = not settings.quiet and (settings.json or not sys.stdout.isatty())
 
-    def of_batch(number: int) -> tuple[list[tuple[Clip | None, Decision] | ClipError], float]:
-        begun = time.perf_counter()
-        outcomes = [or_error(lambda path: read(path, one_by_one), path) for path in batches[number]]
-        clips = [clip for clip in outcomes if not isinstance(clip, ClipError)]
-        decisions: list[Decision | ClipError]
+    def decide(clips: Sequence[Clip]) -> list[Decision | ClipError]:
         try:
-            decisions = [*decide(clips)] if clips else []
-        except ClipError:
+            # One clip can last hours; of many, their number shows how far the work is.
+            with steps(shown=len(paths) == 1 and not settings.quiet) as step:
+                bar = None if step is None else functools.partial(step, "Comparing")
+                return [*support.classify_all(clips, options.whole, bar)]
+        except ClipError as unusable:
             # One of them lacks joints; the others are not to suffer for it.
-            decisions = [or_error(lambda clip: decide([clip])[0], clip) for clip in clips]
-        decided = iter(decisions)
-        found: list[tuple[Clip | None, Decision] | ClipError] = []
-        for clip in outcomes:
-            if isinstance(clip, ClipError):
-                found.append(clip)
-                continue
-            decision = next(decided)
-            if not isinstance(decision, ClipError):
-                found.append((clip if with_clip else None, decision))
-            else:
-                found.append(decision)
-        return found, (time.perf_counter() - begun) * 1e3 / len(outcomes)
+            alone = len(clips) == 1
+            return [unusable] if alone else [each for clip in clips for each in decide([clip])]
+
+    def of_batch(number: int) -> tuple[list[Decision | ClipError], float]:
+        begun = time.perf_counter()
+        read_clips: list[Clip | ClipError] = []
+        for path in batches[number]:
+            try:
+                read_clips.append(read(path, options, one_by_one and not settings.quiet))
+            except ClipError as unusable:
+                read_clips.append(unusable)
+        decisions = iter(decide([clip for clip in read_clips if not isinstance(clip, ClipError)]))
+        outcomes = [each if isinstance(each, ClipError) else next(decisions) for each in read_clips]
+        return outcomes, (time.perf_counter() - begun) * 1e3 / len(outcomes)
 
     results = in_processes(of_batch, len(batches), processes, pinned=videos)
     with closing(results):
-        for batch in progress(batches, "Classifying", shown=shown and not one_by_one):
+        for number in progress(range(len(batches)), "Classifying", shown=shown and not one_by_one):
             outcomes, milliseconds = next(results)
-            for path, outcome in zip(batch, outcomes, strict=True):
+            for path, outcome in zip(batches[number], outcomes, strict=True):
                 yield path, outcome, milliseconds
 
 
+def _explain(
+    settings: Settings, support: SupportSet, clip: Clip, decision: Decision, page: Path
+) -> None:
+    """Write the page that shows why.
+
+    Raises:
+        UsageError: it cannot be written.
+        SupportError: the action was removed meanwhile.
+    """
+    from actioncli.clips.edit import cut
+    from actioncli.recognition.explanation import explain
+    from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
+
+    recognizer = support.recognizer
+    if decision.part is not None:
+        clip = cut(clip, *(at - clip.start for at in decision.part))
+    with settings.open_store() as store:
+        enrolled = store.examples(decision.nearest)
+        found = explain(recognizer, clip, [store.clip(example.id) for example in enrolled])
+        shown = [enrolled[found.example]]
+        shown += [store.examples(each.label)[0] for each in decision.ranking[1:SHOWN]]
+        neighbours = [
+            Neighbour(
+                example.label, f"example {example.id}, {example.source}", store.clip(example.id)
+            )
+            for example in shown
+        ]
+    write_explanation(page, clip, decision, neighbours, found, recognizer.weights.trx_os)
+    settings.tell(f"explained in {printable(page)}")
+
+
 def _print(source: str, decision: Decision, top: int, milliseconds: float) -> None:
-    sign = ">" if decision.confidence > decision.tau else "<="
     but = ", but a negative is nearer" if decision.negative_is_nearer else ""
     say(
         f"{printable(source)}: "
         f"{'rejected' if decision.label is None else printable(decision.label)}"
-        f"  (nearest {printable(decision.nearest)}, confidence {decision.confidence:.2f} "
-        f"{sign} tau {decision.tau:.2f}{but}, {milliseconds:.0f} ms)"
+        f"  (nearest {printable(decision.nearest)}, {decision.comparison}{but}, "
+        f"{milliseconds:.0f} ms)"
     )
     if top:
         rows = [

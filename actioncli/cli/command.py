@@ -89,7 +89,7 @@ class Options:
     """In the annotation of a command's parameter: it is made of several options.
 
     Attributes:
-        make: the value, from `Settings` and, by name, all that the parts give.
+        make: the value, from all that the parts give, by name.
         parts: functions of options, annotated as those of a command are.
     """
 
@@ -100,14 +100,14 @@ class Options:
         """What the command takes instead of the one parameter."""
         return [option for part in self.parts for option in _parameters(part)]
 
-    def value(self, settings: Settings, arguments: dict[str, Any]) -> object:
+    def value(self, arguments: dict[str, Any]) -> object:
         """The value of the parameter; takes its options out of `arguments`."""
         fields: dict[str, object] = {}
         for part in self.parts:
             fields |= part(
                 **{option.name: arguments.pop(option.name) for option in _parameters(part)}
             )
-        return self.make(settings, **fields)
+        return self.make(**fields)
 
 
 def _parameters(function: Callable[..., object]) -> list[inspect.Parameter]:
@@ -152,7 +152,7 @@ def command(function: Callable[Concatenate[Settings, P], None]) -> Callable[...,
         # Kept at the root, where an error that leaves the command is reported.
         root.obj = root.obj.merged(_common_options(**given))
         for name, group in groups.items():
-            arguments[name] = group.value(root.obj, arguments)
+            arguments[name] = group.value(arguments)
         body(root.obj, **arguments)
 
     parameters = [context, *own, *common]

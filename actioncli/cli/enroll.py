@@ -11,9 +11,10 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.options import ClipReading, WeightsOption, complete_label
-from actioncli.cli.output import error_entry, plural, printable, say, write_json
-from actioncli.cli.reading import named_clips, or_error, read_each, report_bad_clip, sharing
+from actioncli.cli.output import plural, printable, say, write_json
+from actioncli.cli.reading import read_each, report_bad_clip
 from actioncli.errors import ClipError, UsageError, WeightsError
+from actioncli.pose.read import ReadOptions, find_any
 from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def enroll(
     ] = False,
     note: Annotated[str, typer.Option(metavar="TEXT", help="Kept with the examples.")] = "",
     weights: WeightsOption = None,
-    reading: ClipReading,
+    options: ClipReading,
     camera: Annotated[
         int | None,
         typer.Option(metavar="N", help="Record from this camera; the first one is 0."),
@@ -95,64 +96,35 @@ def enroll(
         raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
     label = NEGATIVES if negative else check_label(label)
     recognizer = _recognizer(settings, weights)
-    given: Iterable[tuple[Path, Clip | ClipError]]
-    if camera is not None:
-        from actioncli.cli.camera import record
-        from actioncli.pose.video import DEFAULT_QUALITY
-
-        recorded = or_error(
-            lambda number: record(settings, number, seconds, reading.quality or DEFAULT_QUALITY),
-            camera,
-        )
-        given = [(Path(f"camera {camera}"), recorded)]
-    else:
-        files = named_clips(paths or [])
-        processes = sharing(files, reading.metrabs)
-        given = read_each(files, reading.read, "Reading", shown=reading.shown, processes=processes)
     outcomes: list[tuple[Path, Clip | ClipError]] = []
-    for path, clip in given:
+    for path, clip in _given(settings, paths or [], options, camera, seconds):
+        outcome = clip
         try:
-            if isinstance(clip, ClipError):
-                raise clip
-            if recognizer is not None:
+            if recognizer is not None and not isinstance(clip, ClipError):
                 # A clip that the model cannot use would fail every later classification.
                 recognizer.embed([clip])
         except ClipError as error:
-            report_bad_clip(error)
-            outcomes.append((path, error))
-        else:
-            outcomes.append((path, clip))
+            outcome = error
+        outcomes.append((path, outcome))
     usable = [clip for _, clip in outcomes if not isinstance(clip, ClipError)]
     with settings.open_store() as store:
         enrolled = enrol(store, recognizer, label, usable, note, negative)
 
     entries: list[dict[str, object]] = []
     remaining = iter(enrolled)
-    for path, clip_or_error in outcomes:
-        if isinstance(clip_or_error, ClipError):
-            entries.append(
-                {
-                    "source": str(path),
-                    "error": error_entry(clip_or_error, clip_or_error.exit_code),
-                }
-            )
+    for path, clip in outcomes:
+        if isinstance(clip, ClipError):
+            entries.append(report_bad_clip(path, clip))
             continue
         one = next(remaining)
-        entries.append(
-            {
-                "source": str(path),
-                **one.to_json(),
-                "frames": len(clip_or_error),
-                "seconds": clip_or_error.duration,
-                "notes": list(clip_or_error.notes),
-            }
-        )
+        described = {"frames": len(clip), "seconds": clip.duration, "notes": list(clip.notes)}
+        entries.append({"source": str(path), **one.to_json(), **described})
         if not (settings.json or settings.quiet):
-            tell_notes(settings, path, clip_or_error.notes)
+            tell_notes(settings, path, clip.notes)
             say(
                 f"{printable(label)}: {printable(path)} "
                 f"{'added' if one.added else 'already there'} as example {one.example} "
-                f"({plural(len(clip_or_error), 'frame')}, {clip_or_error.duration:.1f} s)"
+                f"({plural(len(clip), 'frame')}, {clip.duration:.1f} s)"
             )
         for line in one.warnings:
             settings.tell(f"warning: {printable(path)}: {printable(line)}")
@@ -171,6 +143,23 @@ def enroll(
         )
     if failed:
         raise typer.Exit(ClipError.exit_code)
+
+
+def _given(
+    settings: Settings, paths: list[Path], options: ReadOptions, camera: int | None, seconds: float
+) -> Iterable[tuple[Path, Clip | ClipError]]:
+    """The clips of files, or the one that a camera records."""
+    if camera is None:
+        return read_each(find_any(paths), options, shown=not settings.quiet)
+    from actioncli.cli.camera import record
+    from actioncli.pose.video import DEFAULT_QUALITY
+
+    outcome: Clip | ClipError
+    try:
+        outcome = record(settings, camera, seconds, options.quality or DEFAULT_QUALITY)
+    except ClipError as unusable:
+        outcome = unusable
+    return [(Path(f"camera {camera}"), outcome)]
 
 
 def _recognizer(settings: Settings, weights: Path | None) -> Recognizer | None:

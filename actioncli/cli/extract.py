@@ -11,8 +11,8 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_place, tell_notes
 from actioncli.cli.options import VideoReading
-from actioncli.cli.output import error_entry, plural, printable, say, write_json
-from actioncli.cli.reading import read_each, report_bad_clip, sharing
+from actioncli.cli.output import plural, printable, say, write_json
+from actioncli.cli.reading import read_each, report_bad_clip
 from actioncli.cli.video import video_progress
 from actioncli.errors import ClipError, UsageError
 
@@ -41,7 +41,7 @@ def extract(
             show_default=False,
         ),
     ] = None,
-    reading: VideoReading,
+    options: VideoReading,
 ) -> None:
     """Write the skeleton in a video to a file.
 
@@ -64,25 +64,18 @@ def extract(
     from actioncli.clips.read import find_clips
     from actioncli.clips.write import write_clip
     from actioncli.pose import VIDEO_SUFFIXES
-    from actioncli.pose.metrabs import read_metrabs_clip
-    from actioncli.pose.video import DEFAULT_QUALITY, read_video_clip
+    from actioncli.pose.read import ReadOptions, read_person
 
     paths = find_clips(videos, tuple(VIDEO_SUFFIXES))
     targets = _targets(paths, output, format)
-    model = reading.metrabs
 
-    def read(path: Path, shown: bool) -> Clip:
-        part = reading.start, reading.end
+    def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
         with video_progress(path, shown=shown) as progress:
-            if model is not None:
-                return read_metrabs_clip(path, model, *part, reading.person, progress)
-            quality = reading.quality or DEFAULT_QUALITY
-            return read_video_clip(path, *part, quality, reading.person, reading.cache, progress)
+            return read_person(path, options, progress)
 
     entries: list[dict[str, object]] = []
     failed = 0
-    processes = sharing(paths, model)
-    clips = read_each(paths, read, "Reading", shown=reading.shown, processes=processes)
+    clips = read_each(paths, options, shown=not settings.quiet, read=read)
     for (path, clip), target in zip(clips, targets, strict=True):
         try:
             if isinstance(clip, ClipError):
@@ -90,8 +83,7 @@ def extract(
             write_clip(target, clip, format or (None if target == output else "npz"))
         except ClipError as error:
             failed += 1
-            report_bad_clip(error)
-            entries.append({"source": str(path), "error": error_entry(error, error.exit_code)})
+            entries.append(report_bad_clip(path, error))
             continue
         entries.append(
             {

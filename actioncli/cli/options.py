@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from actioncli.cli.command import Options, Settings
-from actioncli.cli.reading import Reading
+from actioncli.cli.command import Options
 from actioncli.errors import ActionCliError, UsageError
+from actioncli.pose.read import ReadOptions
 
 if TYPE_CHECKING:
     from actioncli.pose.metrabs import PoseModel
@@ -139,8 +139,15 @@ def file_options(
     up: UpOption = None,
     fps: FpsOption = None,
 ) -> dict[str, Any]:
-    """What files of joints leave open, as fields of `Reading`."""
+    """What files of joints leave open, as fields of `ReadOptions`."""
     return {"layout": layout, "unit": unit, "up": up, "fps": fps}
+
+
+def archive_options(
+    quality: QualityOption = None, person: PersonOption = None, cache: CacheOption = True
+) -> dict[str, Any]:
+    """How to look at any video, as fields of `ReadOptions`."""
+    return {"quality": quality and checked_quality(quality), "person": person, "cache": cache}
 
 
 def video_options(
@@ -152,24 +159,16 @@ def video_options(
     pose: PoseOption = "blazepose",
     pose_model: PoseModelOption = None,
 ) -> dict[str, Any]:
-    """How to look at videos, as fields of `Reading`."""
-    return {
-        "start": start,
-        "end": end,
-        "quality": None if quality is None else checked_quality(quality),
-        "person": person,
-        "cache": cache,
-        "metrabs": chosen_pose_model(pose, pose_model),
-    }
+    """How to look at videos, as fields of `ReadOptions`."""
+    model = chosen_pose_model(pose, pose_model)
+    shared = archive_options(quality, person, cache)
+    return {"start": start, "end": end, **shared, "metrabs": model}
 
 
-def _reading(settings: Settings, **fields: Any) -> Reading:
-    return Reading(**fields, shown=not settings.quiet)
-
-
-FileReading = Annotated[Reading, Options(_reading, (file_options,))]
-VideoReading = Annotated[Reading, Options(_reading, (video_options,))]
-ClipReading = Annotated[Reading, Options(_reading, (file_options, video_options))]
+FileReading = Annotated[ReadOptions, Options(ReadOptions, (file_options,))]
+ArchiveReading = Annotated[ReadOptions, Options(ReadOptions, (file_options, archive_options))]
+VideoReading = Annotated[ReadOptions, Options(ReadOptions, (video_options,))]
+ClipReading = Annotated[ReadOptions, Options(ReadOptions, (file_options, video_options))]
 
 
 def checked_tau(tau: float) -> float:

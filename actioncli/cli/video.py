@@ -13,7 +13,9 @@ from actioncli.cli.common import check_place
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
     from actioncli.pose.poses import Poses
+    from actioncli.pose.read import ReadOptions
     from actioncli.pose.video import Progress
     from actioncli.recognition.decision import Decision
 
@@ -66,7 +68,7 @@ def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None
     Raises:
         UsageError: not one video, or a file that is no new MP4.
     """
-    from actioncli.pose.media import is_video
+    from actioncli.pose.read import is_video
 
     if len(clips) != 1 or not is_video(clips[0]):
         raise UsageError("--annotate draws on one video: name one, and no other clip.")
@@ -77,6 +79,20 @@ def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None
     if output.resolve() == clips[0].resolve():
         raise UsageError(f"{output}: is the video itself; it is not written over.")
     check_place(output)
+
+
+def read_annotated(path: Path, options: ReadOptions, shown: bool) -> tuple[Clip, Poses]:
+    """Read a video, with progress if `shown`; the clip, and the poses to draw.
+
+    Raises:
+        ClipError: it cannot be read.
+    """
+    from actioncli.pose.video import DEFAULT_QUALITY, clip_of, read_poses
+
+    part, quality = (options.start, options.end), options.quality or DEFAULT_QUALITY
+    with video_progress(path, shown=shown) as progress:
+        poses = read_poses(path, *part, quality, options.person, options.cache, progress)
+    return clip_of(poses, path, whole=options.whole), poses
 
 
 def write_annotation(
@@ -92,10 +108,9 @@ def write_annotation(
     """
     from actioncli.pose.annotate import annotate_video
 
-    sign = ">" if decision.confidence > decision.tau else "<="
     verdict = (
         f"rejected (nearest: {decision.nearest})" if decision.label is None else decision.label
     )
-    lines = [verdict, f"confidence {decision.confidence:.2f} {sign} tau {decision.tau:.2f}"]
+    lines = [verdict, decision.comparison]
     with video_progress(output, shown=shown) as progress:
         annotate_video(video, output, poses, lines, progress)

@@ -14,6 +14,7 @@ from starlette.routing import Route, WebSocketRoute
 
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
+from actioncli.pose.read import ReadOptions
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.studio.answers import Answer, application, checked_tau, decision_entry, json_object
@@ -26,7 +27,7 @@ from actioncli.studio.tray import Sent, Tray, check_kind
 # Bytes of an upload: minutes of video, where seconds are wanted.
 LARGEST_UPLOAD = 500_000_000
 EXPORT_NAME, _EXPORT_KIND = "actions.safetensors", "application/octet-stream"
-# What may be said about reading a file; see `read_any`.
+# What may be said about reading a file; see `ReadOptions`.
 _OPTIONS = {"layout": str, "unit": str, "up": str, "fps": float, "start": float, "end": float,
             "person": int, "quality": str}  # fmt: skip
 
@@ -199,12 +200,13 @@ def _text(asked: dict[str, Any], key: str) -> str:
     return value
 
 
-def _options(given: Mapping[str, str]) -> dict[str, Any]:
-    options = {}
+def _options(given: Mapping[str, str]) -> ReadOptions:
+    options: dict[str, Any] = {}
     for name, kind in _OPTIONS.items():
         if name in given:
             try:
                 options[name] = kind(given[name])
             except ValueError as error:
                 raise UsageError(f"{name} must be a number, not {given[name]!r}.") from error
-    return options
+    # What is kept, is kept in the support set: no poses in the cache.
+    return ReadOptions(**options, cache=False)

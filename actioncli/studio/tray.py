@@ -5,17 +5,15 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.read import CLIP_SUFFIXES
 from actioncli.errors import ActionCliError, ClipError, SupportError
 from actioncli.pose import VIDEO_SUFFIXES
-from actioncli.pose.media import read_any
+from actioncli.pose.read import ReadOptions, read_any
 from actioncli.pose.video import Progress
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.store.names import file_name
@@ -129,16 +127,15 @@ class Tray:
         # Two: a file of joints need not wait for a long video.
         self._workers = ThreadPoolExecutor(2, "read")
 
-    def add(self, path: Path, name: str, options: Mapping[str, Any]) -> Sent:
+    def add(self, path: Path, name: str, options: ReadOptions) -> Sent:
         """Read a file, in the background, and delete it.
 
         Args:
             name: that it has for the user.
-            options: of `read_any`.
+            options: how to read it.
         """
         with self._lock:
-            whole = not options.keys().isdisjoint({"start", "end"})
-            sent = Sent(str(next(self._numbers)), file_name(name) or "clip", whole)
+            sent = Sent(str(next(self._numbers)), file_name(name) or "clip", options.whole)
             self._sent[sent.id] = sent
             dropped = [self._sent.pop(old) for old in list(self._sent)[:-_MOST]]
         for old in dropped:
@@ -176,10 +173,9 @@ class Tray:
             self._sent.clear()
         self._workers.shutdown(wait=True, cancel_futures=True)
 
-    def _read(self, path: Path, sent: Sent, options: Mapping[str, Any]) -> Clip:
+    def _read(self, path: Path, sent: Sent, options: ReadOptions) -> Clip:
         try:
-            # What is kept, is kept in the support set: no poses in the cache.
-            clip = read_any(path, cache=False, progress=sent.advance, **options)
+            clip = read_any(path, options, sent.advance)
             clip = replace(clip, source=sent.name)
             # A clip that the model cannot use would fail every later classification.
             self._recognizer.embed([clip])

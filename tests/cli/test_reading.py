@@ -10,6 +10,8 @@ import pytest
 from actioncli import Clip, ClipError
 from actioncli.cli import reading
 from actioncli.cli.reading import read_each, sharing
+from actioncli.pose.metrabs import PoseModel
+from actioncli.pose.read import ReadOptions
 
 CLIP = Clip(np.arange(18).reshape(2, 3, 3), ["a", "b", "c"])
 
@@ -26,34 +28,42 @@ def test_videos_are_shared_where_there_are_enough(
     monkeypatch: pytest.MonkeyPatch, cores: int, videos: int, processes: int
 ) -> None:
     monkeypatch.setattr(reading, "cores", lambda: cores)
-    assert sharing(paths(videos)) == processes
-    assert sharing(paths(videos, others=100)) == processes
+    assert sharing(paths(videos), ReadOptions()) == processes
+    assert sharing(paths(videos, others=100), ReadOptions()) == processes
+    model = PoseModel((), lambda image: np.zeros((0, 0, 3)))
     # Its threads would be lost in another process.
-    assert sharing(paths(videos), model=object()) == 1
-    assert sharing(paths(0, others=100)) == 1
+    assert sharing(paths(videos), ReadOptions(metrabs=model)) == 1
+    assert sharing(paths(0, others=100), ReadOptions()) == 1
 
 
+@pytest.fixture
+def one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "cores", lambda: 1)
+
+
+@pytest.mark.usefixtures("one_core")
 def test_each_clip_comes_with_what_was_read_or_what_is_wrong() -> None:
-    def read(path: Path, shown: bool) -> Clip:
+    def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
         if path.stem == "1":
             raise ClipError(f"{path}: broken")
         assert shown
         return CLIP
 
-    found = list(read_each(paths(3), read, "Reading", shown=True))
+    found = list(read_each(paths(3), ReadOptions(), shown=True, read=read))
     assert [path.name for path, _ in found] == ["0.mp4", "1.mp4", "2.mp4"]
     assert found[0][1] is found[2][1] is CLIP
     assert str(found[1][1]) == "1.mp4: broken"
 
 
+@pytest.mark.usefixtures("one_core")
 def test_nothing_is_read_before_it_is_wanted() -> None:
     asked = []
 
-    def read(path: Path, shown: bool) -> Clip:
+    def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
         asked.append(path.name)
         return CLIP
 
-    clips = read_each(paths(3), read, "Reading", shown=False)
+    clips = read_each(paths(3), ReadOptions(), shown=False, read=read)
     next(clips)
     clips.close()
     assert asked == ["0.mp4"]

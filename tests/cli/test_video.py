@@ -24,7 +24,6 @@ from actioncli import SupportStore, read_clip
 from actioncli.cli import camera
 from actioncli.cli.processes import cores
 from actioncli.clips.edit import cut
-from actioncli.pose import stream
 from actioncli.pose import video as pose_video
 from actioncli.pose.frames import Frame, VideoFile
 
@@ -449,7 +448,7 @@ def test_the_commands_of_the_readme(
     at_camera: type[Paced],
 ) -> None:
     """All of its section on videos, in order; a recorded person stands before the camera."""
-    monkeypatch.setattr(stream, "LiveSource", Paced)
+    monkeypatch.setattr("actioncli.pose.camera.LiveSource", Paced)
     monkeypatch.chdir(tmp_path)
     videos = shared / "video"
     part_of(videos / "squat" / "darebeeW.mp4", tmp_path / "squat.mp4", 4)

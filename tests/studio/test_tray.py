@@ -12,6 +12,7 @@ import pytest
 
 from actioncli import ClipError, Recognizer
 from actioncli.errors import SupportError
+from actioncli.pose.read import ReadOptions
 from actioncli.studio import tray as tray_module
 from actioncli.studio.tray import Tray, check_kind
 from tests.pose.videos import write_video
@@ -55,7 +56,7 @@ def until(done: Callable[[], bool], seconds: float = 60) -> None:
 def test_a_clip_is_read_and_its_file_deleted(tray: Tray, tmp_path: Path) -> None:
     file = tmp_path / "upload.npz"
     file.write_bytes((EXAMPLES / "squat/ada.npz").read_bytes())
-    sent = tray.add(file, "folder/my squat.npz", {})
+    sent = tray.add(file, "folder/my squat.npz", ReadOptions(cache=False))
     until(sent.reading.done)
     clip, embedding = tray.get(sent.id).clip()
     assert clip.source == sent.name == "my squat.npz"
@@ -64,7 +65,7 @@ def test_a_clip_is_read_and_its_file_deleted(tray: Tray, tmp_path: Path) -> None
 
 
 def test_a_video_tells_how_far_it_is_and_stops_when_told(tray: Tray, film: Path) -> None:
-    sent = tray.add(film, "film.avi", {})
+    sent = tray.add(film, "film.avi", ReadOptions(cache=False))
     until(lambda: sent.progress is not None and sent.progress.seconds > 0.2)
     assert sent.progress is not None
     assert sent.progress.total == pytest.approx(60, abs=1)
@@ -81,7 +82,7 @@ def test_a_video_that_nobody_waits_for_is_not_read_on(
     tray: Tray, film: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tray_module, "_PATIENCE", 0.3)
-    sent = tray.add(film, "film.avi", {})
+    sent = tray.add(film, "film.avi", ReadOptions(cache=False))
     until(sent.reading.done)
     until(lambda: not film.exists())
     assert "nobody waited" in sent.error()
@@ -94,7 +95,7 @@ def test_what_waits_in_the_queue_goes_too(
     copies = [tmp_path / f"{n}.avi" for n in range(4)]
     for copy in copies:
         copy.write_bytes(film.read_bytes())
-        tray.add(copy, copy.name, {})
+        tray.add(copy, copy.name, ReadOptions(cache=False))
     tray.close()
     assert not any(copy.exists() for copy in copies)
 
@@ -105,7 +106,7 @@ def test_the_oldest_goes_first(tray: Tray, tmp_path: Path, monkeypatch: pytest.M
     for n in range(3):
         file = tmp_path / f"{n}.npz"
         file.write_bytes(b"no clip")
-        sent.append(tray.add(file, file.name, {}))
+        sent.append(tray.add(file, file.name, ReadOptions(cache=False)))
     assert tray.get(sent[2].id) is sent[2]
     with pytest.raises(SupportError):
         tray.get(sent[0].id)
@@ -120,7 +121,7 @@ def test_a_bug_is_told_and_not_hidden(
     monkeypatch.setattr(tray_module, "read_any", broken)
     file = tmp_path / "x.npz"
     file.touch()
-    sent = tray.add(file, "x.npz", {})
+    sent = tray.add(file, "x.npz", ReadOptions(cache=False))
     until(sent.reading.done)
     assert "ZeroDivisionError: by zero (this is a bug)" in sent.error()
     until(lambda: not file.exists())

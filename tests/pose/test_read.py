@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose.media import is_video, read_any
+from actioncli.pose.read import ReadOptions, is_video, read_any
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "squat" / "ada.npz"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "squat" / "ada.npz"
 
 
 def test_kinds() -> None:
@@ -17,7 +17,7 @@ def test_kinds() -> None:
 
 
 def test_joints_are_read_whatever_the_video_options_say() -> None:
-    clip = read_any(EXAMPLE, layout=None, quality="accurate", cache=False, progress=None)
+    clip = read_any(EXAMPLE, ReadOptions(quality="accurate", cache=False))
     assert len(clip) > 10
 
 
@@ -27,7 +27,7 @@ def test_joints_are_read_whatever_the_video_options_say() -> None:
 )
 def test_options_without_meaning(path: Path, options: dict[str, float]) -> None:
     with pytest.raises(UsageError, match="means nothing for"):
-        read_any(path, **options)
+        read_any(path, ReadOptions(**options))
 
 
 def test_a_video_that_is_not_there() -> None:

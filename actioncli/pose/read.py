@@ -1,0 +1,114 @@
+"""Read a clip from whatever shows a person: a file of joints or a video."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from actioncli.errors import ClipError, UsageError
+from actioncli.pose import VIDEO_SUFFIXES
+
+if TYPE_CHECKING:
+    from actioncli.clips.clip import Clip
+    from actioncli.pose.metrabs import PoseModel
+    from actioncli.pose.video import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What files leave open.
+
+    Attributes:
+        layout, fps, unit, up: of files of joints, see `read_clip`.
+        start, end, quality, person, cache: of videos, see `read_video_clip`.
+        metrabs: looks at videos instead of BlazePose.
+    """
+
+    layout: str | None = None
+    fps: float | None = None
+    unit: str | float | None = None
+    up: str | None = None
+    start: float | None = None
+    end: float | None = None
+    quality: str | None = None
+    person: int | None = None
+    cache: bool = True
+    metrabs: PoseModel | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether the part of a video that is the action is named, and not looked for."""
+        return self.start is not None or self.end is not None
+
+
+def find_any(paths: Iterable[str | Path]) -> list[Path]:
+    """The clips and videos that files, folders and patterns name, see `find_clips`.
+
+    What names no file stays as it is: reading it tells what is wrong with it.
+    """
+    from actioncli.clips.read import CLIP_SUFFIXES, find_clips
+
+    return find_clips(paths, (*CLIP_SUFFIXES, *VIDEO_SUFFIXES))
+
+
+def is_video(path: str | Path) -> bool:
+    """Whether the file's name says that it is a video."""
+    return Path(path).suffix.lower() in VIDEO_SUFFIXES
+
+
+def read_any(
+    path: str | Path,
+    options: ReadOptions | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Clip:
+    """Read a clip with `read_video_clip` or `read_clip`, whichever fits the file's name.
+
+    Args:
+        options: what only says how to look at a video (`quality`, `cache`, `metrabs`) means
+            nothing for files of joints.
+        progress: called now and then while a video is read.
+
+    Raises:
+        UsageError: an option that would change nothing, such as `fps` for a video.
+        ClipError: see the two functions.
+    """
+    from actioncli.clips.read import CLIP_SUFFIXES, read_clip
+
+    options = options or ReadOptions()
+    file = Path(path)
+    video = is_video(file)
+    for name in ("fps", "layout", "unit", "up") if video else ("end", "person", "start"):
+        if getattr(options, name) is not None:
+            kind = "a video" if video else "a file of joints"
+            raise UsageError(f"{path}: --{name} means nothing for {kind}.")
+    if video:
+        return read_person(file, options, progress)
+    if file.suffix.lower() not in CLIP_SUFFIXES and os.path.lexists(file):
+        wrong = "is a folder and holds none" if file.is_dir() else "has a name of neither kind"
+        raise ClipError(
+            f"{file}: {wrong}; clips end in {', '.join(CLIP_SUFFIXES)}, videos in "
+            f"{', '.join(sorted(VIDEO_SUFFIXES))}."
+        )
+    return read_clip(file, options.layout, options.fps, options.unit, options.up)
+
+
+def read_person(
+    path: Path, options: ReadOptions, progress: Callable[[Progress], None] | None = None
+) -> Clip:
+    """Read a person's clip from a video, whatever its name.
+
+    Raises:
+        ClipError, UsageError, WeightsError: see `read_video_clip`.
+    """
+    part = options.start, options.end
+    if options.metrabs is not None:
+        from actioncli.pose.metrabs import read_metrabs_clip
+
+        return read_metrabs_clip(path, options.metrabs, *part, options.person, progress)
+    from actioncli.pose.video import DEFAULT_QUALITY, read_video_clip
+
+    quality = options.quality or DEFAULT_QUALITY
+    return read_video_clip(path, *part, quality, options.person, options.cache, progress)
