@@ -1,8 +1,8 @@
 """Units and axes: from those of a file to right-handed metres, y up.
 
-Both are worked out from the body where a file does not state them. A unit is told by the length
-of the limbs: metres, centimetres and millimetres lie a factor of ten apart, people do not. The
-up axis is told by the posture: the head stands above the ankles along it. Turning the up axis to
+Both are inferred from the body where a file does not state them: the unit from the length of the
+limbs, since metres, centimetres and millimetres lie a factor of ten apart and people do not; the
+up axis from the posture, since the head stands above the ankles along it. Turning the up axis to
 y is a rotation, never a reflection, so that left stays left; the heading that remains free needs
 no answer.
 """
@@ -22,12 +22,7 @@ from actioncli.errors import AmbiguousClipError
 
 # Metres per unit.
 UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254})
-_UNIT_WORDS = {
-    "m": ("m", "met"),
-    "cm": ("cm", "centi"),
-    "mm": ("mm", "milli"),
-    "in": ("in", "inch"),
-}
+_UNIT_STEMS = {"met": "m", "centi": "cm", "milli": "mm", "inch": "in"}
 
 # For each axis that may point up in a file: where the canonical x, y, z are found, and their
 # signs. Each is a rotation (determinant 1). Camera axes (x right, y down, z away) are "-y":
@@ -46,19 +41,9 @@ UPS = tuple(_TURNS)
 _UP_WORDS = {"camera": "-y", "opencv": "-y", "ydown": "-y", "zdown": "-z", "xdown": "-x"}
 
 # Length of a grown person's bones in metres, between default joints.
-_BONES: Mapping[tuple[str, str], float] = MappingProxyType(
-    {
-        ("pelv", "neck"): 0.50,
-        ("lhip", "lkne"): 0.43,
-        ("rhip", "rkne"): 0.43,
-        ("lkne", "lank"): 0.42,
-        ("rkne", "rank"): 0.42,
-        ("lsho", "lelb"): 0.29,
-        ("rsho", "relb"): 0.29,
-        ("lelb", "lwri"): 0.25,
-        ("relb", "rwri"): 0.25,
-    }
-)
+_LIMBS = {("hip", "kne"): 0.43, ("kne", "ank"): 0.42, ("sho", "elb"): 0.29, ("elb", "wri"): 0.25}
+_BONES = {(side + a, side + b): length for (a, b), length in _LIMBS.items() for side in "lr"}
+_BONES[("pelv", "neck")] = 0.50
 # Toddlers to giants, with room for crude sensors and drawn characters: over ten collections of
 # recordings the clips' sizes run from 0.54 to 1.23. The two ends are less than a factor of ten
 # apart, so that at most one decimal unit can fit.
@@ -77,8 +62,8 @@ def parse_unit(text: str | float) -> float | None:
     word = str(text).strip().lower()
     if word in UNITS:
         return UNITS[word]
-    for unit, (_, *stems) in _UNIT_WORDS.items():
-        if any(word.startswith(stem) for stem in stems):
+    for stem, unit in _UNIT_STEMS.items():
+        if word.startswith(stem):
             return UNITS[unit]
     try:
         metres = float(word)
@@ -109,13 +94,13 @@ def body_size(positions: FloatArray, names: tuple[str, ...]) -> float | None:
         give no bone.
     """
     columns = default_columns(names)
-    known = [bone for bone in _BONES if bone[0] in columns and bone[1] in columns]
-    if not known:
+    measured = [bone for bone in _BONES if bone[0] in columns and bone[1] in columns]
+    if not measured:
         return None
-    ends = midpoints(positions, [columns[joint] for bone in known for joint in bone])
+    ends = midpoints(positions, [columns[joint] for bone in measured for joint in bone])
     bones = ends[:, ::2] - ends[:, 1::2]
     sizes = median(np.sqrt((bones * bones).sum(axis=2)))
-    return float(median(sizes / np.array([_BONES[bone] for bone in known])))
+    return float(median(sizes / np.array([_BONES[bone] for bone in measured])))
 
 
 def infer_unit(size: float | None, where: str) -> str:

@@ -101,15 +101,13 @@ class Clip:
                 )
             if not ((weights >= 0) & (weights <= 1)).all():
                 raise ClipError(f"{where}confidence must lie in [0, 1].")
-            object.__setattr__(self, "confidence", weights)
-        else:
-            object.__setattr__(self, "confidence", None)
-        object.__setattr__(self, "joints", positions)
-        object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "fps", rate)
-        object.__setattr__(self, "source", str(source))
-        object.__setattr__(self, "notes", tuple(notes))
-        object.__setattr__(self, "start", float(start))
+            confidence = weights
+        checked = {
+            "joints": positions, "joint_names": names, "fps": rate, "confidence": confidence,
+            "source": str(source), "notes": tuple(notes), "start": float(start),
+        }  # fmt: skip
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
     @property
     def duration(self) -> float:

@@ -6,6 +6,8 @@ mostly gap is refused: a line drawn through it would be motion that nobody made.
 
 from __future__ import annotations
 
+from itertools import compress
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,7 @@ from actioncli.errors import ClipError
 
 BoolArray = NDArray[np.bool_]
 
-# A joint, or a body, that is missing in more than half of what was recorded is not known.
+# A joint, or a body, that is missing in more than this share of the frames is refused.
 _MOST_MISSING = 0.5
 # The whole body may be out of sight for this long (seconds) before the clip counts as two.
 _LONGEST_ABSENCE = 1.0
@@ -28,7 +30,7 @@ _ROOTS = frozenset(
 
 def missing_joints(positions: FloatArray, zeros_are_gaps: bool = True) -> BoolArray:
     """Which joints are not there: (..., J, 3) to (..., J)."""
-    # Most clips lack nothing, which is told much faster than where something is missing.
+    # Most clips lack nothing, which takes much less time to see than where something is missing.
     if np.isfinite(positions).all() and (positions.all() or not zeros_are_gaps):
         return np.zeros(positions.shape[:-1], np.bool_)
     missing: BoolArray = np.logical_not(np.isfinite(positions).all(axis=-1))
@@ -65,10 +67,8 @@ def fill_gaps(
     missing = missing_joints(positions, zeros_are_gaps)
     if not missing.any():
         return positions, names, confidence, ()
-    known = sorted({column for columns in default_columns(names).values() for column in columns})
-    needed = [
-        column for column in known or range(len(names)) if not _is_root(positions, names, column)
-    ]
+    needed = sorted({at for columns in default_columns(names).values() for at in columns})
+    needed = np.setdiff1d(needed or range(len(names)), _roots(positions, names)).tolist()
     _check_mostly_there(missing, needed, names, where)
 
     notes = []
@@ -91,13 +91,13 @@ def fill_gaps(
             notes.append(f"{cut} empty frames at the ends dropped")
 
     unseen = missing.mean(axis=0) > _MOST_MISSING
-    unseen &= [not _is_root(positions, names, column) for column in range(len(names))]
+    unseen[_roots(positions, names)] = False
     if unseen.any():
-        notes.append("joints mostly missing, dropped: " + ", ".join(_named(names, unseen)))
+        notes.append(f"joints mostly missing, dropped: {', '.join(compress(names, unseen))}")
         positions, missing = positions[:, ~unseen], missing[:, ~unseen]
         confidence = None if confidence is None else confidence[:, ~unseen]
-        names = tuple(_named(names, ~unseen))
-    missing[:, [_is_root(positions, names, column) for column in range(len(names))]] = False
+        names = tuple(compress(names, ~unseen))
+    missing[:, _roots(positions, names)] = False
     if missing.any():
         positions = _interpolate(positions, missing)
         if confidence is not None:
@@ -109,10 +109,11 @@ def fill_gaps(
     return positions, names, confidence, tuple(notes)
 
 
-def _is_root(positions: FloatArray, names: tuple[str, ...], column: int) -> bool:
-    name = "".join(c for c in names[column].lower() if c.isalnum())
+def _roots(positions: FloatArray, names: tuple[str, ...]) -> list[int]:
+    """Columns of the origin of a clip that is centred on the body."""
+    bare = ["".join(filter(str.isalnum, name.lower())) for name in names]
     # A root that is NaN throughout is missing like any other joint.
-    return name in _ROOTS and bool((positions[:, column] == 0).all())
+    return [at for at, name in enumerate(bare) if name in _ROOTS and not positions[:, at].any()]
 
 
 def _check_mostly_there(
@@ -149,10 +150,6 @@ def _longest_run(missing: BoolArray) -> int:
     """Frames of the longest unbroken gap of any joint."""
     longest = run = np.zeros(missing.shape[1], dtype=int)
     for frame in missing:
-        run = np.where(frame, run + 1, 0)
+        run = (run + 1) * frame
         longest = np.maximum(longest, run)
     return int(longest.max())
-
-
-def _named(names: tuple[str, ...], chosen: BoolArray) -> list[str]:
-    return [name for name, picked in zip(names, chosen, strict=True) if picked]

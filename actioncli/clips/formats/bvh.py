@@ -9,7 +9,9 @@ the offset.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.axes import body_size, infer_up
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.formats.files import Numbers, text_lines
+from actioncli.clips.formats.files import Numbers, frame_rate, text_lines
 from actioncli.clips.persons import activity
 from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
 from actioncli.errors import ClipError
@@ -77,13 +79,9 @@ def read(file: Path) -> Recording:
     positions = np.concatenate(
         [_forward(skeleton, table[at : at + _BATCH]) for at in range(0, frames, _BATCH)]
     )
-    notes = []
-    if frames != announced:
-        notes.append(f"{frames} of {announced} announced frames are there")
-    fps = None
-    if 1e-4 <= frame_time <= 2:
-        fps = round(1 / frame_time, 3)
-    return _one_figure(skeleton, positions, fps, tuple(notes), file)
+    notes = (f"{frames} of {announced} announced frames are there",)
+    fps = frame_rate(frame_time, shortest=1e-4)
+    return _one_figure(skeleton, positions, fps, notes if frames != announced else ())
 
 
 def _one_figure(
@@ -91,7 +89,6 @@ def _one_figure(
     positions: FloatArray,
     fps: float | None,
     notes: tuple[str, ...],
-    file: Path,
 ) -> Recording:
     """The figure (a file may have several roots) that moves most."""
     roots = [at for at, joint in enumerate(skeleton.joints) if joint.parent < 0]
@@ -109,23 +106,13 @@ def _one_figure(
             "most",
         )
     names, places, stance = chosen
+    # The pose without rotations nearly always stands.
+    size, rest_up = body_size(stance, names), None
+    with suppress(ClipError):
+        rest_up = infer_up(stance, names, 1 / size if size else 1.0, None, "")
     return Recording(
-        places[:, None],
-        joint_names=names,
-        fps=fps,
-        rest_up=_rest_up(stance, names),
-        zeros_are_gaps=False,
-        notes=notes,
+        places[:, None], names, fps=fps, rest_up=rest_up, zeros_are_gaps=False, notes=notes
     )
-
-
-def _rest_up(stance: FloatArray, names: tuple[str, ...]) -> str | None:
-    """The up axis of the pose without rotations, which nearly always stands."""
-    size = body_size(stance, names)
-    try:
-        return infer_up(stance, names, 1 / size if size else 1.0, None, "")
-    except ClipError:
-        return None
 
 
 def _hierarchy(lines: Iterator[tuple[int, str]], file: Path) -> _Skeleton:
@@ -264,9 +251,9 @@ def _rotation(axis: int, angle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _unique(names: list[str]) -> tuple[str, ...]:
     """Names with a number behind those that appeared before."""
-    seen: dict[str, int] = {}
+    seen = Counter[str]()
     unique = []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
+        seen[name] += 1
         unique.append(name if seen[name] == 1 else f"{name}#{seen[name]}")
     return tuple(unique)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.formats.files import Numbers, number, text_lines
+from actioncli.clips.formats.files import Numbers, frame_rate, parsed, text_lines
 from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
 from actioncli.errors import ClipError
 
@@ -30,6 +30,7 @@ _PERSON = re.compile(r"(?i)(?:person|body|subject|track|people)(?:[\s_]*(?:id|in
 _CONFIDENCE = re.compile(
     r"(?i)(?P<joint>.+?)[\s_.:\-/|]+(?:v|vis|visibility|c|conf|confidence|score|likelihood)"
 )
+_COUNTED = re.compile(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*\d+")
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _MOST_PEOPLE = 64
 
@@ -60,30 +61,23 @@ class _Columns:
                 self.person = column
         self.joints = {name: axes for name, axes in found.items() if len(axes) == 3}
         if not self.joints:
-            half = next((name for name, axes in found.items()), None)
-            hint = (
-                f"; {half!r} lacks x, y or z"
-                if half is not None
-                else "; found: " + ", ".join(repr(title.strip()[:30]) for title in header[:6])
-            )
+            half = next(iter(found), None)
+            hint = f"{half!r} lacks x, y or z"
+            if half is None:
+                hint = "found: " + ", ".join(repr(title.strip()[:30]) for title in header[:6])
             raise ClipError(
                 f"{file}: its first line names no joint with x, y and z columns (like "
-                f"lsho_x,lsho_y,lsho_z){hint}."
+                f"lsho_x,lsho_y,lsho_z); {hint}."
             )
         if len(self.joints) > MOST_JOINTS:
             raise ClipError(f"{file}: names {len(self.joints)} joints; at most {MOST_JOINTS}.")
         self.unit = next(iter(units)) if len(units) == 1 else None
-
-    @property
-    def names(self) -> tuple[str, ...] | None:
-        """Joint names, or None where the columns are only counted (`x0`, `joint_3_x`)."""
-        counted = [re.fullmatch(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*(\d+)", n)
-                   for n in self.joints]  # fmt: skip
-        if not all(counted):
-            return tuple(self.joints)
-        order = sorted(self.joints, key=lambda name: int(re.sub(r"\D", "", name)[:9]))
-        self.joints = {name: self.joints[name] for name in order}
-        return None
+        # Joint names, or None where the columns are only counted (`x0`, `joint_3_x`).
+        self.names: tuple[str, ...] | None = tuple(self.joints)
+        if all(_COUNTED.fullmatch(name) for name in self.joints):
+            self.names = None
+            order = sorted(self.joints, key=lambda name: int(re.sub(r"\D", "", name)[:9]))
+            self.joints = {name: self.joints[name] for name in order}
 
 
 def read(file: Path) -> Recording:
@@ -99,24 +93,19 @@ def read(file: Path) -> Recording:
     lines = _rows(file)
     header = next(lines, (0, []))[1]
     columns = _Columns(header, file)
-    names = columns.names
     picked = [column for axes in columns.joints.values() for _, column in sorted(axes.items())]
     seen = [columns.confidence.get(name) for name in columns.joints]
     extra = [column for column in seen if column is not None]
-    has_confidence = len(extra) == len(seen)
-    places = Numbers(file, len(picked) + (len(extra) if has_confidence else 0))
-    wanted = picked + (extra if has_confidence else [])
+    wanted = picked + (extra if len(extra) == len(seen) else [])
+    places = Numbers(file, len(wanted))
     times: list[float] = []
     people: list[str] = []
     for line, row in lines:
         if len(row) < len(header):
             raise ClipError(f"{file}: line {line} has {len(row)} of {len(header)} columns.")
-        try:
-            places.add([number(row[column]) for column in wanted])
-            if columns.time is not None:
-                times.append(number(row[columns.time]))
-        except ValueError as error:
-            raise ClipError(f"{file}: line {line}: {error}.") from error
+        places.parse([row[column] for column in wanted], line)
+        if columns.time is not None:
+            times += parsed([row[columns.time]], file, line)
         if columns.person is not None:
             people.append(row[columns.person].strip())
     if len(places) < 2:
@@ -125,13 +114,13 @@ def read(file: Path) -> Recording:
     split, times = _by_person(table, people, times, file)
     frames, count = split.shape[:2]
     positions = split[:, :, : len(picked)].reshape(frames, count, -1, 3)
-    confidence = split[:, :, len(picked) :] if has_confidence else None
+    confidence = split[:, :, len(picked) :]
     return Recording(
         positions,
-        joint_names=names,
+        joint_names=columns.names,
         fps=_rate(times, columns.time_unit),
         unit=columns.unit,
-        confidence=None if confidence is None else np.clip(np.nan_to_num(confidence), 0, 1),
+        confidence=np.clip(np.nan_to_num(confidence), 0, 1) if confidence.size else None,
     )
 
 
@@ -164,12 +153,11 @@ def _by_person(
 
     Rows of one frame follow each other: a frame ends where somebody appears again.
     """
-    known = dict.fromkeys(people)
-    if len(known) < 2:
+    column = {person: at for at, person in enumerate(dict.fromkeys(people))}
+    if len(column) < 2:
         return table[:, None], times
-    if len(known) > _MOST_PEOPLE:
-        raise ClipError(f"{file}: names {len(known)} people; at most {_MOST_PEOPLE} are read.")
-    column = {person: at for at, person in enumerate(known)}
+    if len(column) > _MOST_PEOPLE:
+        raise ClipError(f"{file}: names {len(column)} people; at most {_MOST_PEOPLE} are read.")
     frame = 0
     here: set[str] = set()
     frames = []
@@ -180,9 +168,9 @@ def _by_person(
             starts.append(row)
         here.add(person)
         frames.append(frame)
-    if (frame + 1) * len(known) * table.shape[1] > LARGEST_CLIP:
+    if (frame + 1) * len(column) * table.shape[1] > LARGEST_CLIP:
         raise ClipError(f"{file}: holds more than {LARGEST_CLIP} numbers; cut out the action.")
-    split = np.full((frame + 1, len(known), table.shape[1]), np.nan, dtype=np.float32)
+    split = np.full((frame + 1, len(column), table.shape[1]), np.nan, dtype=np.float32)
     split[frames, [column[person] for person in people]] = table
     return split, [times[row] for row in starts] if times else times
 
@@ -194,4 +182,4 @@ def _rate(times: list[float], unit: float) -> float | None:
     step = float(np.median(np.diff(np.asarray(times)))) * unit
     # Times that count in milliseconds without saying so.
     step = step / 1000 if step >= 2 and unit == 1.0 else step
-    return round(1 / step, 3) if 1e-3 <= step <= 2 else None
+    return frame_rate(step)

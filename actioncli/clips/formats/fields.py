@@ -1,21 +1,23 @@
-"""Named fields, as `.npz` and `.json` hold them, to a recording."""
+"""Arrays of positions, and named fields as `.npz` and `.json` hold them, to a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.formats.shapes import to_people
-from actioncli.clips.recording import MOST_JOINTS, Recording
+from actioncli.clips.formats.files import check_range
+from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
 from actioncli.errors import ClipError
 
 # Where positions are looked for, best first; MeTRAbs calls them poses3d, a nameless array of
 # numpy.savez is arr_0.
 POSITIONS = ("poses3d", "joints", "arr_0")
+METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
+T = TypeVar("T")
 
 
 def from_fields(fields: Mapping[str, NDArray[Any]], where: str) -> Recording:
@@ -31,18 +33,67 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str) -> Recording:
     """
     key = next((key for key in POSITIONS if key in fields), None)
     if key is None:
-        held = ", ".join(repr(name[:40]) for name in list(fields)[:20]) or "nothing"
-        raise ClipError(f"{where}: holds {held}; a clip needs poses3d or joints.")
+        raise ClipError(f"{where}: holds {listed(fields)}; a clip needs poses3d or joints.")
     positions = to_people(np.asarray(fields[key]), f"{where} ({key})")
+
+    def one(key: str, kinds: str, what: str, convert: Callable[[Any], T]) -> T | None:
+        if key not in fields:
+            return None
+        value = np.asarray(fields[key])
+        if value.size != 1 or value.dtype.kind not in kinds:
+            raise ClipError(f"{where}: {key} must be one {what}.")
+        return convert(value.item())
+
     return Recording(
         positions,
         joint_names=_names(fields, where),
-        layout=_text(fields, "layout", where),
-        fps=_number(fields, "fps", where),
-        unit=_text(fields, "unit", where),
-        up=_text(fields, "up", where),
+        layout=one("layout", "USiuf", "word", _decoded),
+        fps=one("fps", "iuf", "number", float),
+        unit=one("unit", "USiuf", "word", _decoded),
+        up=one("up", "USiuf", "word", _decoded),
         confidence=_confidence(fields, positions.shape[:3], where),
     )
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names of fields in a file for a message, of bearable length."""
+    return ", ".join(repr(name[:40]) for name in list(names)[:20]) or "nothing"
+
+
+def to_people(values: NDArray[Any], where: str) -> FloatArray:
+    """(T, J, 3), (T, J x 3), (T, P, J, 3), or one of them in a batch of one, to (T, P, J, 3).
+
+    Raises:
+        ClipError: it has another shape, or does not hold numbers.
+    """
+    if values.dtype.kind not in "iuf":
+        raise ClipError(f"{where}: joint positions must be numbers, not {values.dtype}.")
+    given = values.shape
+    if values.ndim > 3 and given[0] == 1:
+        values = values[0]
+    if values.ndim == 2 and values.shape[1] and values.shape[1] % 3 == 0:
+        values = values.reshape(len(values), -1, 3)
+    if values.ndim == 3:
+        values = values[:, None]
+    if values.ndim != 4 or values.shape[3] != 3 or 0 in values.shape:
+        hint = ""
+        if 2 in given[-1:]:
+            hint = " Positions in the image (2D) are not enough."
+        elif 4 in given[-1:]:
+            hint = " Save x, y and z alone, a fourth number as `confidence` (.npz, .json)."
+        raise ClipError(
+            f"{where}: joint positions must be (frames, joints, 3), (frames, joints x 3) or "
+            f"(frames, people, joints, 3), not {given}.{hint}"
+        )
+    if values.size > LARGEST_CLIP:
+        raise ClipError(
+            f"{where}: holds {values.size} numbers in an array of shape {given}, more than the "
+            f"{LARGEST_CLIP} that a clip may have; cut out the action."
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        positions = np.ascontiguousarray(values, dtype=np.float32)
+    check_range(positions, where)
+    return positions
 
 
 def _names(fields: Mapping[str, NDArray[Any]], where: str) -> tuple[str, ...] | None:
@@ -51,25 +102,7 @@ def _names(fields: Mapping[str, NDArray[Any]], where: str) -> tuple[str, ...] | 
     names = np.asarray(fields["joint_names"])
     if names.dtype.kind not in "US" or names.ndim != 1 or len(names) > MOST_JOINTS:
         raise ClipError(f"{where}: joint_names must be a list of at most {MOST_JOINTS} names.")
-    return tuple(_decoded(name) for name in names.tolist())
-
-
-def _text(fields: Mapping[str, NDArray[Any]], key: str, where: str) -> str | None:
-    if key not in fields:
-        return None
-    value = np.asarray(fields[key])
-    if value.size != 1 or value.dtype.kind not in "USiuf":
-        raise ClipError(f"{where}: {key} must be one word.")
-    return _decoded(value.reshape(-1).tolist()[0])
-
-
-def _number(fields: Mapping[str, NDArray[Any]], key: str, where: str) -> float | None:
-    if key not in fields:
-        return None
-    value = np.asarray(fields[key])
-    if value.size != 1 or value.dtype.kind not in "iuf":
-        raise ClipError(f"{where}: {key} must be one number.")
-    return float(value.reshape(-1)[0])
+    return tuple(map(_decoded, names.tolist()))
 
 
 def _confidence(
@@ -84,8 +117,7 @@ def _confidence(
             f"positions, not {value.shape}."
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        known = np.nan_to_num(value.reshape(shape).astype(np.float32), nan=0.0)
-    return np.clip(known, 0, 1)
+        return np.clip(np.nan_to_num(value.reshape(shape).astype(np.float32), nan=0.0), 0, 1)
 
 
 def _decoded(value: Any) -> str:

@@ -105,6 +105,14 @@ class Numbers:
             )
         self._values.extend(row)
 
+    def parse(self, cells: Sequence[str], line: int) -> None:
+        """Append the numbers in the cells of one line.
+
+        Raises:
+            ClipError: a cell is no number, or there are more than a clip may have.
+        """
+        self.add(parsed(cells, self._file, line))
+
     def table(self) -> FloatArray:
         """(rows, width) float32.
 
@@ -126,6 +134,23 @@ def check_range(values: FloatArray, where: str) -> None:
             f"{where}: holds numbers of {LARGEST_NUMBER:.0e} and more, which are no positions "
             "or angles."
         )
+
+
+def parsed(cells: Sequence[str], file: Path, line: int) -> list[float]:
+    """The numbers in some cells of a line.
+
+    Raises:
+        ClipError: one of them is none.
+    """
+    try:
+        return [number(cell) for cell in cells]
+    except ValueError as error:
+        raise ClipError(f"{file}: line {line}: {error}.") from error
+
+
+def frame_rate(step: float, shortest: float = 1e-3) -> float | None:
+    """Frames per second from the seconds between two frames, if they can be that."""
+    return round(1 / step, 3) if shortest <= step <= 2 else None
 
 
 def number(text: str) -> float:

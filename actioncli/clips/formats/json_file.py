@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.formats.fields import POSITIONS, from_fields
+from actioncli.clips.formats.fields import METADATA, POSITIONS, from_fields, listed
 from actioncli.clips.formats.files import MEGABYTE, check_size
 from actioncli.clips.recording import LARGEST_CLIP, Recording
 from actioncli.errors import ClipError
@@ -21,15 +20,13 @@ _LARGEST = 64 * MEGABYTE
 _MOST_COMMAS = 4_000_000
 _MOST_BRACKETS = 2_000_000
 _LONGEST_NAME = 200
-_AXES = ("x", "y", "z")
-_METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 
 
 def read(file: Path) -> Recording:
     """A clip from JSON.
 
     Positions stand under `poses3d` or `joints`, or are the whole file, as nested lists in one
-    of the shapes of `shapes.to_people`; with a varying number of people per frame too. They
+    of the shapes of `fields.to_people`; with a varying number of people per frame too. They
     may also be a list of frames (or stand under `frames`), each with `poses3d` or `joints`, or
     each a mapping of joint names to [x, y, z] or {"x":, "y":, "z":}. null is a missing number.
 
@@ -42,9 +39,8 @@ def read(file: Path) -> Recording:
     if isinstance(content, dict):
         key = next((key for key in (*POSITIONS, "frames") if key in content), None)
         if key is None:
-            held = ", ".join(repr(name[:40]) for name in list(content)[:20]) or "nothing"
-            raise ClipError(f"{file}: holds {held}; a clip needs poses3d or joints.")
-        fields = {name: content[name] for name in _METADATA if content.get(name) is not None}
+            raise ClipError(f"{file}: holds {listed(content)}; a clip needs poses3d or joints.")
+        fields = {name: content[name] for name in METADATA if content.get(name) is not None}
         poses = content[key]
     if not isinstance(poses, list) or not poses:
         raise ClipError(f"{file}: positions must be a list of frames.")
@@ -92,27 +88,23 @@ def _from_mappings(frames: list[dict[str, Any]], file: Path) -> tuple[list[Any],
             return inner, None
         frames = [frame for frame in inner if isinstance(frame, dict)]
         first = frames[0]
-    names = [name for name, value in first.items() if _is_point(value)]
+    names = [name for name, value in first.items() if _point(value) is not None]
     if not names:
         raise ClipError(
-            f"{file}: a frame holds {', '.join(repr(name[:40]) for name in list(first)[:20])}; "
-            "it needs poses3d, joints, or joint names with [x, y, z] each."
+            f"{file}: a frame holds {listed(first)}; it needs poses3d, joints, or joint names "
+            "with [x, y, z] each."
         )
     if len(names) * len(frames) * 3 > LARGEST_CLIP:
         raise ClipError(f"{file}: holds more than {LARGEST_CLIP} numbers; cut out the action.")
-    return [[_point(frame.get(name)) for name in names] for frame in frames], names
+    missing = [None] * 3
+    return [[_point(frame.get(name)) or missing for name in names] for frame in frames], names
 
 
-def _is_point(value: Any) -> bool:
-    if isinstance(value, dict):
-        return all(axis in value for axis in _AXES)
-    return isinstance(value, list) and len(value) == 3
-
-
-def _point(value: Any) -> Sequence[Any]:
-    if isinstance(value, dict):
-        return [value.get(axis) for axis in _AXES]
-    return value if isinstance(value, list) and len(value) == 3 else [None] * 3
+def _point(value: Any) -> list[Any] | None:
+    """The coordinates in [x, y, z] or {"x":, "y":, "z":}, or None for anything else."""
+    if isinstance(value, dict) and value.keys() >= set("xyz"):
+        return [value[axis] for axis in "xyz"]
+    return value if isinstance(value, list) and len(value) == 3 else None
 
 
 def _nested(frames: list[Any], file: Path) -> NDArray[np.float64]:

@@ -16,8 +16,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from actioncli.clips.formats.fields import to_people
 from actioncli.clips.formats.files import MEGABYTE
-from actioncli.clips.formats.shapes import to_people
 from actioncli.clips.recording import Recording
 from actioncli.errors import ClipError
 

@@ -12,7 +12,7 @@ from typing import IO, Any, cast
 
 from numpy.typing import NDArray
 
-from actioncli.clips.formats.fields import POSITIONS, from_fields
+from actioncli.clips.formats.fields import METADATA, POSITIONS, from_fields, listed
 from actioncli.clips.formats.files import MEGABYTE
 from actioncli.clips.formats.npy import MAGIC, read_array, read_header
 from actioncli.clips.recording import Recording
@@ -28,12 +28,11 @@ _LARGE_ARCHIVE = b"PK\x06\x07"
 _LARGE_ARCHIVE_LENGTH = 20
 # Bytes of an array that are read ahead.
 _AT_ONCE = 2**16
-_METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 
 
 def read(file: Path) -> Recording:
     """A clip's `poses3d` or `joints`, with what stands beside them."""
-    wanted = (*POSITIONS, *_METADATA, "lengths", "joints_mm")
+    wanted = (*POSITIONS, *METADATA, "lengths", "joints_mm")
     arrays = read_arrays(file, wanted, "a clip needs poses3d or joints", only_array=True)
     if "joints_mm" in arrays and "lengths" in arrays:
         raise ClipError(
@@ -57,27 +56,14 @@ def read_arrays(
     Raises:
         ClipError: the archive is damaged, or an array is (see `npy.read_header`).
     """
-    with file.open("rb") as opened:
-        # The library reads many small pieces, and each would be a call of the system.
-        small = os.fstat(opened.fileno()).st_size <= MEGABYTE
-        stream: IO[bytes] = io.BytesIO(opened.read()) if small else opened
-        _check_directory(stream, file)
-        return _members(stream, file, wanted, need, only_array)
-
-
-def _members(
-    stream: IO[bytes], file: Path, wanted: Container[str], need: str, only_array: bool
-) -> Mapping[str, NDArray[Any]]:
-    """`read_arrays` of an archive that is open."""
     try:
-        with zipfile.ZipFile(stream) as archive:
+        with file.open("rb") as opened, _archive(opened, file) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             chosen = {name: info for name, info in members.items() if name in wanted}
             if only_array and len(members) == 1 and not chosen:
                 chosen = dict(zip(POSITIONS, members.values(), strict=False))
             if not chosen:
-                listed = ", ".join(repr(name[:40]) for name in list(members)[:20]) or "nothing"
-                raise ClipError(f"{file}: holds {listed}; {need}.")
+                raise ClipError(f"{file}: holds {listed(members)}; {need}.")
             arrays = {}
             for name, info in chosen.items():
                 if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -96,8 +82,11 @@ def _members(
         raise ClipError(f"{file}: is a damaged .npz archive: {error}.") from error
 
 
-def _check_directory(stream: IO[bytes], file: Path) -> None:
+def _archive(opened: IO[bytes], file: Path) -> zipfile.ZipFile:
     """Refuse what is not a plain archive, before the library reads its directory."""
+    # The library reads many small pieces, and each would be a call of the system.
+    small = os.fstat(opened.fileno()).st_size <= MEGABYTE
+    stream: IO[bytes] = io.BytesIO(opened.read()) if small else opened
     beginning = stream.read(len(MAGIC))
     if not beginning.startswith(b"PK"):
         raise ClipError(
@@ -115,3 +104,4 @@ def _check_directory(stream: IO[bytes], file: Path) -> None:
             f"{file}: is a damaged .npz archive: its directory is missing or too large. It may "
             "be cut off; save it again by numpy.savez."
         )
+    return zipfile.ZipFile(stream)

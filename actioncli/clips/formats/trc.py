@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli.clips.formats.files import Numbers, number, text_lines
+from actioncli.clips.formats.files import Numbers, frame_rate, parsed, text_lines
 from actioncli.clips.recording import MOST_JOINTS, Recording
 from actioncli.errors import ClipError
 
@@ -29,7 +29,7 @@ def read(file: Path) -> Recording:
     keys, names, separator = _header(lines, file)
     width = 3 * len(names)
     places = Numbers(file, width)
-    times = []
+    times: list[float] = []
     for at, line in lines:
         cells = _split(line, separator)
         # The line of X1 Y1 Z1, and empty ones, before and between the rows.
@@ -40,11 +40,8 @@ def read(file: Path) -> Recording:
             cells += [""] * (2 + width - len(cells))
         if (not separator and len(cells) < 2 + width) or any(map(str.strip, cells[2 + width :])):
             raise ClipError(f"{file}: line {at} has {len(cells)} of {width + 2} columns.")
-        try:
-            times.append(number(cells[1]))
-            places.add([number(cell) for cell in cells[2 : 2 + width]])
-        except ValueError as error:
-            raise ClipError(f"{file}: line {at}: {error}.") from error
+        times += parsed(cells[1:2], file, at)
+        places.parse(cells[2 : 2 + width], at)
     if len(places) < 2:
         raise ClipError(f"{file}: a clip needs at least 2 frames, this has {len(places)}.")
     announced = keys.get("numframes", "")
@@ -106,5 +103,4 @@ def _rate(stated: str, times: list[float]) -> float | None:
         rate = 0.0
     if np.isfinite(rate) and rate > 0:
         return rate
-    step = float(np.median(np.diff(np.asarray(times))))
-    return round(1 / step, 3) if 1e-3 <= step <= 2 else None
+    return frame_rate(float(np.median(np.diff(np.asarray(times)))))
