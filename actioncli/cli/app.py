@@ -222,7 +222,7 @@ app = typer.Typer(
 )
 
 
-def _tell_version(asked: bool) -> None:
+def _print_version(asked: bool) -> None:
     if asked:
         say(f"actioncli {__version__}")
         raise typer.Exit
@@ -232,11 +232,11 @@ def _tell_version(asked: bool) -> None:
 def root(
     ctx: typer.Context,
     store: StoreOption = None,
-    as_json: JsonOption = False,
+    json: JsonOption = False,
     quiet: QuietOption = False,
     debug: DebugOption = False,
     version: bool = typer.Option(
-        False, "--version", callback=_tell_version, is_eager=True, help="Print the version."
+        False, "--version", callback=_print_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
     """Record one clip of an action; recognise it in new clips; reject everything else.
@@ -265,7 +265,7 @@ def root(
     With --json, standard output holds one JSON document and nothing else; an error that ends a
     command is {"error": {"type", "message", "exit_code"}}. Its line on standard error stays.
     """
-    ctx.obj = Settings(store, as_json, quiet, debug)
+    ctx.obj = Settings(store, json, quiet, debug)
     if ctx.invoked_subcommand is None:
         note(ctx.get_help())
         raise typer.Exit(EXIT_USAGE)

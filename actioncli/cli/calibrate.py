@@ -38,7 +38,6 @@ def calibrate(
         typer.Option(
             metavar="PATH",
             help="Clips, or a folder of them, that show none of the actions; may be repeated.",
-            show_default=False,
         ),
     ] = None,
     target_far: Annotated[
@@ -58,7 +57,6 @@ def calibrate(
         typer.Option(
             metavar="FOLDER",
             help="Also write a page of plots and tables, with the figures as CSV and JSON.",
-            show_default=False,
         ),
     ] = None,
     weights: WeightsOption = None,

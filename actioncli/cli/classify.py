@@ -46,7 +46,6 @@ def classify(
         typer.Option(
             metavar="FILE.html",
             help="Write a page that shows why one clip is accepted or rejected.",
-            show_default=False,
         ),
     ] = None,
     annotate: Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
@@ -18,6 +18,18 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 
+StoreOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="The support set's file.  [default: $ACTIONCLI_HOME/support.db or the user's "
+        "data folder]",
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Only results and errors.")]
+DebugOption = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -30,10 +42,10 @@ class Settings:
         debug: print the traceback of an error.
     """
 
-    store: Path | None = None
-    json: bool = False
-    quiet: bool = False
-    debug: bool = False
+    store: StoreOption = None
+    json: JsonOption = False
+    quiet: QuietOption = False
+    debug: DebugOption = False
 
     def open_store(self) -> SupportStore:
         """The support set; use it in a `with` statement.
@@ -60,63 +72,26 @@ class Settings:
             note(line)
 
 
-StoreOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--store",
-        metavar="FILE",
-        help="The support set's file.  [default: $ACTIONCLI_HOME/support.db or the user's "
-        "data folder]",
-        show_default=False,
-    ),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Only results and errors.")]
-DebugOption = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
-
-
-def _common_options(
-    store: StoreOption = None,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> Settings:
-    return Settings(store, as_json, quiet, debug)
-
-
-@dataclass(frozen=True, slots=True)
 class Options:
-    """In the annotation of a command's parameter: it is made of several options.
+    """In the annotation of a command's parameter: it is made of several options."""
 
-    Attributes:
-        make: the value, from all that the parts give, by name.
-        parts: functions of options, annotated as those of a command are.
-    """
+    def __init__(self, make: Callable[..., object], *parts: Callable[..., dict[str, Any]]) -> None:
+        """Take functions of options, annotated as those of a command are, and what makes the
+        value of all that they give, by name."""
+        self._make, self._parts = make, parts
 
-    make: Callable[..., object]
-    parts: tuple[Callable[..., Mapping[str, object]], ...]
-
-    def parameters(self) -> list[inspect.Parameter]:
+    def parameters(self) -> Iterator[inspect.Parameter]:
         """What the command takes instead of the one parameter."""
-        return [option for part in self.parts for option in _parameters(part)]
+        for part in self._parts:
+            yield from inspect.signature(part, eval_str=True).parameters.values()
 
     def value(self, arguments: dict[str, Any]) -> object:
         """The value of the parameter; takes its options out of `arguments`."""
-        fields: dict[str, object] = {}
-        for part in self.parts:
-            fields |= part(
-                **{option.name: arguments.pop(option.name) for option in _parameters(part)}
-            )
-        return self.make(**fields)
-
-
-def _parameters(function: Callable[..., object]) -> list[inspect.Parameter]:
-    return list(inspect.signature(function, eval_str=True).parameters.values())
-
-
-def _options(parameter: inspect.Parameter) -> Options | None:
-    marks = getattr(parameter.annotation, "__metadata__", ())
-    return next((mark for mark in marks if isinstance(mark, Options)), None)
+        fields: dict[str, Any] = {}
+        for part in self._parts:
+            names = inspect.signature(part).parameters
+            fields |= part(**{name: arguments.pop(name) for name in names})
+        return self._make(**fields)
 
 
 def command(function: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
@@ -126,37 +101,35 @@ def command(function: Callable[Concatenate[Settings, P], None]) -> Callable[...,
     those of its own, and from those given before the command's name. An own parameter of the
     same name replaces a common one; one that is annotated with `Options` is made of these.
     """
-    signature = inspect.signature(function, eval_str=True)
-    _, *asked = signature.parameters.values()
-    groups = {one.name: group for one in asked if (group := _options(one)) is not None}
-    own: list[inspect.Parameter] = []
-    for one in asked:
-        own += groups[one.name].parameters() if one.name in groups else [one]
-    # In a function what has no default comes first, which on the command line means nothing.
-    own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own]
-    taken = {parameter.name for parameter in own}
-    common = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for parameter in _parameters(_common_options)
-        if parameter.name not in taken
-    ]
-    context = inspect.Parameter(
-        "ctx", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context
-    )
+    _, *own = inspect.signature(function, eval_str=True).parameters.values()
+    groups: dict[str, Options] = {}
+    taken: dict[str, inspect.Parameter] = {}
+    for parameter in own:
+        marks = getattr(parameter.annotation, "__metadata__", ())
+        group = next((mark for mark in marks if isinstance(mark, Options)), None)
+        if group is not None:
+            groups[parameter.name] = group
+        options = [parameter] if group is None else group.parameters()
+        taken |= {option.name: option for option in options}
+    common = inspect.signature(Settings, eval_str=True).parameters
+    shared = [name for name in common if name not in taken]
     body: Callable[..., None] = function
 
     @functools.wraps(function)
     def run(ctx: typer.Context, **arguments: Any) -> None:
-        given = {parameter.name: arguments.pop(parameter.name) for parameter in common}
         root = ctx.find_root()
         # Kept at the root, where an error that leaves the command is reported.
-        root.obj = root.obj.merged(_common_options(**given))
+        root.obj = root.obj.merged(Settings(**{name: arguments.pop(name) for name in shared}))
         for name, group in groups.items():
             arguments[name] = group.value(arguments)
         body(root.obj, **arguments)
 
-    parameters = [context, *own, *common]
-    # What Typer reads to learn a command's parameters.
-    run.__dict__["__signature__"] = signature.replace(parameters=parameters)
+    # What Typer reads to learn a command's parameters. In a function what has no default comes
+    # first, which on the command line means nothing.
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    context = inspect.Parameter("ctx", keyword, annotation=typer.Context)
+    options = [*taken.values(), *(common[name] for name in shared)]
+    parameters = [context, *(option.replace(kind=keyword) for option in options)]
+    run.__dict__["__signature__"] = inspect.Signature(parameters)
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run

@@ -38,7 +38,6 @@ def enroll(
         typer.Argument(
             metavar="CLIP...",
             help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
-            show_default=False,
         ),
     ] = None,
     *,

@@ -73,7 +73,7 @@ def evaluate(
         ),
     ] = None,
     weights: WeightsOption = None,
-    as_json: Annotated[
+    json: Annotated[
         Path | None,
         typer.Option(
             "--json",
@@ -128,11 +128,11 @@ def evaluate(
     for name in scorers:
         if name not in (None, *BASELINES):
             raise UsageError(f"unknown baseline {name!r}; there are {', '.join(BASELINES)}.")
-    to_stdout = settings.json or as_json == Path("-")
-    if as_json is not None and not to_stdout:
-        if str(as_json).startswith("-"):
+    to_stdout = settings.json or json == Path("-")
+    if json is not None and not to_stdout:
+        if str(json).startswith("-"):
             raise UsageError("--json needs a file here, or - for standard output.")
-        check_place(as_json)
+        check_place(json)
 
     parts = read_splits(splits) if splits else None
     read = _read(settings, collections)
@@ -162,8 +162,8 @@ def evaluate(
         if place:
             say()
         _say_figures(found)
-    if as_json is not None:
-        _write_document(as_json, document)
+    if json is not None:
+        _write_document(json, document)
 
 
 def _numbers(ways: str | None) -> tuple[int, ...]:

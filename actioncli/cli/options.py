@@ -72,7 +72,6 @@ TauOption = Annotated[
     typer.Option(
         metavar="0..1",
         help="Accept where the confidence is above it.  [default: the calibrated one, else 0.5]",
-        show_default=False,
     ),
 ]
 WeightsOption = Annotated[
@@ -82,37 +81,22 @@ WeightsOption = Annotated[
 StartOption = Annotated[
     float | None,
     typer.Option(
-        "--start",
         metavar="SECONDS",
         help="Where the action begins in a video.  [default: found from the motion]",
-        show_default=False,
     ),
 ]
 EndOption = Annotated[
     float | None,
-    typer.Option(
-        "--end",
-        metavar="SECONDS",
-        help="Where it ends.  [default: found from the motion]",
-        show_default=False,
-    ),
+    typer.Option(metavar="SECONDS", help="Where it ends.  [default: found from the motion]"),
 ]
 QualityOption = Annotated[
     str | None,
-    typer.Option(
-        "--quality",
-        metavar="fast|accurate",
-        help="Pose network for videos.  [default: fast]",
-        show_default=False,
-    ),
+    typer.Option(metavar="fast|accurate", help="Pose network for videos.  [default: fast]"),
 ]
 PersonOption = Annotated[
     int | None,
     typer.Option(
-        "--person",
-        metavar="N",
-        help="Whom to follow in a video, 1 is the leftmost.  [default: who moves most]",
-        show_default=False,
+        metavar="N", help="Whom to follow in a video, 1 is the leftmost.  [default: who moves most]"
     ),
 ]
 CacheOption = Annotated[
@@ -120,8 +104,7 @@ CacheOption = Annotated[
 ]
 
 PoseOption = Annotated[
-    str,
-    typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos."),
+    str, typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos.")
 ]
 PoseModelOption = Annotated[
     Path | None,
@@ -165,10 +148,10 @@ def video_options(
     return {"start": start, "end": end, **shared, "metrabs": model}
 
 
-FileReading = Annotated[ReadOptions, Options(ReadOptions, (file_options,))]
-ArchiveReading = Annotated[ReadOptions, Options(ReadOptions, (file_options, archive_options))]
-VideoReading = Annotated[ReadOptions, Options(ReadOptions, (video_options,))]
-ClipReading = Annotated[ReadOptions, Options(ReadOptions, (file_options, video_options))]
+FileReading = Annotated[ReadOptions, Options(ReadOptions, file_options)]
+ArchiveReading = Annotated[ReadOptions, Options(ReadOptions, file_options, archive_options)]
+VideoReading = Annotated[ReadOptions, Options(ReadOptions, video_options)]
+ClipReading = Annotated[ReadOptions, Options(ReadOptions, file_options, video_options)]
 
 
 def checked_tau(tau: float) -> float:
