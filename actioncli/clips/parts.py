@@ -17,6 +17,7 @@ from actioncli.clips.prepare import Preparation, sample_places
 from actioncli.clips.skeleton import (
     BONES,
     DEFAULT_JOINTS,
+    HAND_JOINTS,
     LIMBS,
     bone_columns,
     centred,
@@ -34,7 +35,6 @@ UNSEEN = 0.1
 # Seconds without a joint that are interpolated and still count as seen.
 LONGEST_GAP = 0.4
 
-HAND_JOINTS = tuple(f"{side}hand{joint}" for side in "lr" for joint in range(21))
 # The joint before each of a hand's joints 1 to 20; every finger begins at the wrist.
 _HAND_PARENTS = [0 if joint % 4 == 1 else joint - 1 for joint in range(1, 21)]
 _JOINT = {name: at for at, name in enumerate(DEFAULT_JOINTS)}

@@ -59,6 +59,13 @@ _SMPL_24 = (
     "pelv lhip rhip spi1 lkne rkne spi2 lank rank spi3 ltoe rtoe "
     "neck lcla rcla head lsho rsho lelb relb lwri rwri lhan rhan"
 )
+_BLAZEPOSE = (
+    "nose leye_inner leye leye_outer reye_inner reye reye_outer lear rear lmouth rmouth lsho rsho "
+    "lelb relb lwri rwri lpinky rpinky lindex rindex lthu rthu lhip rhip lkne rkne lank rank "
+    "lheel rheel lfoo rfoo"
+)
+# The wrist, then four joints of each finger from the palm outwards, the thumb first.
+HAND_JOINTS = tuple(f"{side}hand{joint}" for side in "lr" for joint in range(21))
 # Names, in column order, of the layouts that a file may have without naming its joints.
 LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -83,9 +90,8 @@ LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "elbow_right hand_right hip_left knee_left foot_left hip_right knee_right foot_right",
             "kinect_v2_25": "spinebase spinemid neck head lsho lelb lwri lhan rsho relb rwri rhan "
             "lhip lkne lank lfoo rhip rkne rank rfoo spineshoulder lhandtip lthu rhandtip rthu",
-            "blazepose_33": "nose leye_inner leye leye_outer reye_inner reye reye_outer lear rear "
-            "lmouth rmouth lsho rsho lelb relb lwri rwri lpinky rpinky lindex rindex lthu rthu "
-            "lhip rhip lkne rkne lank rank lheel rheel lfoo rfoo",
+            "blazepose_33": _BLAZEPOSE,
+            "holistic_75": " ".join((_BLAZEPOSE, *HAND_JOINTS)),
             "default_15": _DEFAULT_15,
         }.items()
     }

@@ -14,7 +14,7 @@ from actioncli.model.parts_config import PartsConfig
 
 # Pairs of query and example that are compared in one piece: enough for full matrix speed, few
 # enough that what is between the layers stays in the processor's cache.
-_BLOCK_PAIRS = 48
+_BLOCK_PAIRS = 24
 
 
 def embed(params: Params, config: PartsConfig, clips: Sequence[Clip]) -> FloatArray:

@@ -15,7 +15,7 @@ import torch
 from torch import Generator, Tensor
 
 from actioncli.clips.skeleton import BONES, mirrored_columns
-from actioncli.training.motions import LENGTHS, bones_of
+from actioncli.training.motions import LENGTHS, bones_of, unit
 
 LEGS = bones_of("lkne", "rkne", "lank", "rank")
 LEFT_ARM = bones_of("lsho", "lelb", "lwri")
@@ -149,11 +149,6 @@ def mirrored(batch: Batch) -> Batch:
     return Batch(
         batch.bones[:, :, order] * flip, hands * flip, batch.missing[..., [0, 2, 1, 4, 3, 6, 5]]
     )
-
-
-def unit(vectors: Tensor) -> Tensor:
-    """Vectors of length one; the zero vector stays."""
-    return torch.nn.functional.normalize(vectors, dim=-1, eps=1e-6)
 
 
 def _turned(x: Tensor, strengths: tuple[float, float, float], chance: Generator) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Generator, Tensor
 
+from actioncli.training.motions import unit
 from actioncli.training.parts_augment import (
     LEFT_ARM,
     LEGS,
@@ -12,7 +13,6 @@ from actioncli.training.parts_augment import (
     Batch,
     at_times,
     mirrored,
-    unit,
 )
 
 KINDS = ("reversed", "limb frozen", "static", "four blocks", "first quarter", "mirrored")

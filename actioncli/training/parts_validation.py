@@ -88,19 +88,22 @@ class PartsValidation:
         }
 
     def confidence(self, params: Params) -> dict[str, FloatArray]:
-        """The map from logit to confidence, sigmoid(scale · logit + shift): the scale that makes
-        pairs' confidences most likely, the shift that keeps the promise of `WRONG_AT_HALF`."""
+        """The map from logit to confidence, sigmoid(scale · logit + shift): the scale of the
+        logistic regression on pairs, right and wrong ones of equal weight, and the shift that puts
+        `WRONG_AT_HALF` of the wrong ones above 0.5."""
         found = self._logits(params)
         logits = np.concatenate([each.ravel() for each, _ in found])
         own = np.concatenate(
             [(targets[:, None] == np.arange(each.shape[1])).ravel() for each, targets in found]
         )
         bound = np.quantile(logits[~own], 1 - WRONG_AT_HALF)
-        scales = np.geomspace(0.2, 5, 60)
-        signed = np.where(own, 1, -1) * (logits - bound)
         weight = np.where(own, 0.5 / own.sum(), 0.5 / (~own).sum())
-        loss = [float((weight * np.logaddexp(0, -scale * signed)).sum()) for scale in scales]
-        scale = scales[int(np.argmin(loss))]
+        signs = np.where(own, -1, 1)
+        scale = min(
+            (float(weight @ np.logaddexp(0, signs * scale * (logits - middle))), scale)
+            for scale in np.geomspace(0.1, 5, 30).tolist()
+            for middle in np.quantile(logits, np.linspace(0.3, 0.99, 30)).tolist()
+        )[1]
         return {
             "confidence.scale": np.array([scale], np.float32),
             "confidence.shift": np.array([-scale * bound], np.float32),

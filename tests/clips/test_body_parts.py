@@ -7,9 +7,9 @@ import pytest
 
 from actioncli import Clip
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.parts import HAND_JOINTS, LONGEST_GAP, PARTS, PartFrames, prepare_parts
+from actioncli.clips.parts import LONGEST_GAP, PARTS, PartFrames, prepare_parts
 from actioncli.clips.prepare import Preparation, prepare
-from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS
+from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, HAND_JOINTS
 from actioncli.model.parts_config import PartsConfig
 
 FRAMES, FPS = 40, 20.0
