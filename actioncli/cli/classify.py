@@ -168,27 +168,30 @@ def _decided(
     one_by_one = videos and processes == 1
     shown = not settings.quiet and (settings.json or not sys.stdout.isatty())
 
-    def decide(clips: Sequence[Clip]) -> list[Decision | ClipError]:
-        try:
-            # One clip can last hours; of many, their number shows how far the work is.
-            with steps(shown=len(paths) == 1 and not settings.quiet) as step:
-                bar = None if step is None else functools.partial(step, "Comparing")
-                return [*support.classify_all(clips, options.whole, bar)]
-        except ClipError as unusable:
-            # One of them lacks joints; the others are not to suffer for it.
-            alone = len(clips) == 1
-            return [unusable] if alone else [each for clip in clips for each in decide([clip])]
-
     def of_batch(number: int) -> tuple[list[Decision | ClipError], float]:
         begun = time.perf_counter()
-        read_clips: list[Clip | ClipError] = []
+        clips: list[Clip | ClipError] = []
         for path in batches[number]:
             try:
-                read_clips.append(read(path, options, one_by_one and not settings.quiet))
+                clips.append(read(path, options, one_by_one and not settings.quiet))
             except ClipError as unusable:
-                read_clips.append(unusable)
-        decisions = iter(decide([clip for clip in read_clips if not isinstance(clip, ClipError)]))
-        outcomes = [each if isinstance(each, ClipError) else next(decisions) for each in read_clips]
+                clips.append(unusable)
+        decisions: list[Decision | ClipError] = []
+        left = [[clip for clip in clips if not isinstance(clip, ClipError)]]
+        while left:
+            some = left.pop()
+            try:
+                # One clip can last hours; of many, their number shows how far the work is.
+                with steps(shown=len(paths) == 1 and not settings.quiet) as step:
+                    bar = None if step is None else functools.partial(step, "Comparing")
+                    decisions += support.classify_all(some, options.whole, bar)
+            except ClipError as unusable:
+                if len(some) == 1:
+                    decisions.append(unusable)
+                else:  # one of them lacks joints, and the others are not to suffer for it
+                    left += [[clip] for clip in reversed(some)]
+        decided = iter(decisions)
+        outcomes = [clip if isinstance(clip, ClipError) else next(decided) for clip in clips]
         return outcomes, (time.perf_counter() - begun) * 1e3 / len(outcomes)
 
     results = in_processes(of_batch, len(batches), processes, pinned=videos)

@@ -32,11 +32,6 @@ class Comparison:
     confidence: FloatArray
     probability: FloatArray
 
-    def row(self, query: int) -> Comparison:
-        """That of one query."""
-        measured = (self.distance, self.confidence, self.probability)
-        return Comparison(self.labels, *(values[[query]] for values in measured))
-
 
 @dataclass(frozen=True, slots=True)
 class Ranked:
@@ -130,6 +125,7 @@ class Decision:
 
 def decide(
     comparison: Comparison,
+    row: int,
     threshold: Threshold,
     negative: float | None = None,
     notes: tuple[str, ...] = (),
@@ -138,14 +134,15 @@ def decide(
     """Accept or reject the nearest action, by its threshold and the nearest negative.
 
     Args:
-        comparison: of one query with the enrolled actions.
+        comparison: of queries with the enrolled actions.
+        row: the query that is decided about.
         threshold: what confidence must exceed.
         negative: distance to the nearest negative.
         notes, part: as in `Decision`.
     """
-    order = np.argsort(comparison.distance[0], kind="stable")
+    order = np.argsort(comparison.distance[row], kind="stable")
     measured = (comparison.distance, comparison.probability, comparison.confidence)
-    columns = [values[0, order].tolist() for values in measured]
+    columns = [values[row, order].tolist() for values in measured]
     ranking = tuple(map(Ranked, comparison.labels[order].tolist(), *columns))
     nearest = ranking[0]
     tau = threshold.of(nearest.label)

@@ -58,11 +58,11 @@ class Recognizer:
         cohort = self.weights.tensors.get("cohort")
         return self.embed([]) if cohort is None else cohort
 
-    def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
+    def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
         """What comparison needs of each clip.
 
         Args:
-            clips: N of them.
+            clips: N of them; embeddings are given back as they are.
             queries: leave out what only examples need.
 
         Returns:
@@ -71,6 +71,8 @@ class Recognizer:
         Raises:
             ClipError: a clip lacks joints that the model reads.
         """
+        if isinstance(clips, np.ndarray):
+            return clips
         config = self.weights.config
         if isinstance(config, PartsConfig):
             return parts_compare.embed(self.weights.tensors, config, clips)
@@ -94,8 +96,8 @@ class Recognizer:
         """
         if not support:
             raise SupportError("the support set is empty; enrol an action first.")
-        query = self._embedded(queries, queries=True)
-        examples = {label: self._embedded(clips) for label, clips in support.items()}
+        query = self.embed(queries, queries=True)
+        examples = {label: self.embed(clips) for label, clips in support.items()}
         for label, embedding in examples.items():
             if not len(embedding):
                 raise SupportError(f"the action {label!r} has no examples.")
@@ -193,9 +195,9 @@ class Recognizer:
             if progress:
                 progress(done, most)
 
-        apart = self._embedded(() if negatives is None else negatives)
+        apart = self.embed(() if negatives is None else negatives)
         enrolled = _Enrolled(
-            actions={label: self._embedded(examples) for label, examples in support.items()},
+            actions={label: self.embed(examples) for label, examples in support.items()},
             negatives={str(n): apart[n : n + 1] for n in range(len(apart))},
             durations=lasting,
             threshold=tau if isinstance(tau, Threshold) else Threshold(tau, self.weights.checksum),
@@ -203,31 +205,35 @@ class Recognizer:
         )
         decisions = []
         for block in [clips] if isinstance(clips, np.ndarray) else _blocks(clips):
-            embedded = self._embedded(block, queries=True)
+            embedded = self.embed(block, queries=True)
             comparison = self.compare(embedded, enrolled.actions)
             advance(len(block))
             for row, clip in enumerate(block):
-                whole = embedded[[row]]
-                decisions.append(self._decide(clip, whole, comparison.row(row), enrolled))
+                decisions.append(self._decide(clip, embedded[[row]], comparison, row, enrolled))
         return decisions
 
     def _decide(
-        self, clip: Clip | FloatArray, whole: FloatArray, compared: Comparison, enrolled: _Enrolled
+        self,
+        clip: Clip | FloatArray,
+        whole: FloatArray,
+        compared: Comparison,
+        row: int,
+        enrolled: _Enrolled,
     ) -> Decision:
         """Decide about a clip, embedded (1, F, E) and compared as a whole, or a window of it."""
-        found = [compared]
+        first = compared.distance, compared.confidence, compared.probability
+        found = [tuple(values[[row]] for values in first)]
         notes: tuple[str, ...] = ()
         spans: list[tuple[float, float]] = []
         if isinstance(clip, Clip):
             notes, spans = clip.notes, [(clip.start, clip.start + clip.duration)]
             # Of ten thousand windows only what their comparison gives is kept.
             for block in _blocks(windows(clip, enrolled.durations)):
-                found.append(self.compare(self.embed(block, queries=True), enrolled.actions))
+                of_block = self.compare(self.embed(block, queries=True), enrolled.actions)
+                found.append((of_block.distance, of_block.confidence, of_block.probability))
                 spans += [(part.start, part.start + part.duration) for part in block]
                 enrolled.advance(len(block))
-        distance = np.concatenate([each.distance for each in found])
-        confidence = np.concatenate([each.confidence for each in found])
-        probability = np.concatenate([each.probability for each in found])
+        distance, confidence, probability = map(np.concatenate, zip(*found, strict=True))
         count = len(distance) - 1
         odds = np.float32(odds_factor(count))
         factor = odds if self.weights.config.distance_is_odds else np.float32(1)
@@ -249,27 +255,24 @@ class Recognizer:
 
         surest = confidence[np.arange(count + 1), distance.argmin(axis=1)]
         order = np.argsort(-surest, kind="stable").tolist()
-        row, negative = order[0], None
+        best, negative = order[0], None
         if enrolled.negatives:
             # A clip that shows a negative is rejected as a whole; a window like one is left out.
-            first = beside_negatives(0)
-            nearer, negative, confidence_of_whole = first
-            row = 0
+            of_whole = beside_negatives(0)
+            nearer, negative, confidence_of_whole = of_whole
+            best = 0
             if not nearer or confidence_of_whole <= enrolled.threshold.tau:
                 for each in order:
-                    nearer, away, _ = beside_negatives(each) if each else first
+                    nearer, away, _ = beside_negatives(each) if each else of_whole
                     if not nearer:
-                        row, negative = each, away
+                        best, negative = each, away
                         break
-        if row:
-            start, end = spans[row]
+        if best:
+            start, end = spans[best]
             notes += (f"matched {start:.1f} s to {end:.1f} s, the surest of {count} windows",)
         comparison = Comparison(compared.labels, distance, confidence, probability)
-        part = spans[row] if spans else None
-        return decide(comparison.row(row), enrolled.threshold, negative, notes, part)
-
-    def _embedded(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
-        return clips if isinstance(clips, np.ndarray) else self.embed(clips, queries)
+        part = spans[best] if spans else None
+        return decide(comparison, best, enrolled.threshold, negative, notes, part)
 
 
 def _blocks(clips: Iterable[Clip]) -> Iterator[list[Clip]]:

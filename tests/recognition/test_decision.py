@@ -14,7 +14,7 @@ def decided(
     """Of a query at distance 1 of an action, and at 3 of `bow`."""
     measured = np.array([[3.0, 1.0]], np.float32), np.array([[0.01, confidence]])
     comparison = Comparison(np.array(["bow", label]), *measured, np.array([[0.25, 0.75]]))
-    return decide(comparison, Threshold(0.5, "abc", own), negative)
+    return decide(comparison, 0, Threshold(0.5, "abc", own), negative)
 
 
 def test_confidence_must_exceed_the_threshold_of_the_nearest_action() -> None:

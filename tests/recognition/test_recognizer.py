@@ -172,8 +172,10 @@ def test_queries_are_embedded_without_what_only_examples_need(
     class Watched(Recognizer):
         asked: Sequence[bool] = ()
 
-        def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
+        def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
             found = super().embed(clips, queries)
+            if isinstance(clips, np.ndarray):
+                return clips
             # Zeros stand for what was left out.
             self.asked = [*self.asked, bool((found == 0).all(axis=1).any())]
             return found
@@ -245,16 +247,16 @@ class OnALine(Recognizer):
         super().__init__(Weights(ModelConfig(warp_width=warp_width), {}, {}, "", Path()))
         self.place = place or middle
 
-    def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
-        return at(*map(self.place, clips))
+    def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
+        return clips if isinstance(clips, np.ndarray) else at(*map(self.place, clips))
 
     def compare(
         self,
         queries: Sequence[Clip] | FloatArray,
         support: Mapping[str, Sequence[Clip] | FloatArray],
     ) -> Comparison:
-        actions = np.array([self._embedded(each).mean() for each in support.values()])
-        distance = abs(self._embedded(queries)[:, 0] - actions.astype(np.float32))
+        actions = np.array([self.embed(each).mean() for each in support.values()])
+        distance = abs(self.embed(queries)[:, 0] - actions.astype(np.float32))
         return Comparison(
             labels=np.array(list(support)),
             distance=distance,
@@ -334,9 +336,10 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
     frames: list[int] = []
 
     class Watched(OnALine):
-        def embed(self, clips: Sequence[Clip], queries: bool = False) -> FloatArray:
-            most.append(len(clips))
-            frames.append(sum(map(len, clips)))
+        def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
+            if not isinstance(clips, np.ndarray):
+                most.append(len(clips))
+                frames.append(sum(map(len, clips)))
             return super().embed(clips, queries)
 
     def in_pieces(limit: str, number: int) -> None:
