@@ -94,17 +94,14 @@ def write_csv(
     return file
 
 
-def write_trc(
-    file: Path, body: Floats, unit: str = "m", rate: float = 60, names: Sequence[str] = ()
-) -> Path:
-    names = names or DEFAULT_JOINTS
+def write_trc(file: Path, body: Floats, unit: str = "m", rate: float = 60) -> Path:
     frames, joints = body.shape[:2]
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{file.name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\t"
         "OrigDataStartFrame\tOrigNumFrames",
         f"{rate}\t{rate}\t{frames}\t{joints}\t{unit}\t{rate}\t1\t{frames}",
-        "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
+        "Frame#\tTime\t" + "\t\t\t".join(DEFAULT_JOINTS) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{j + 1}" for j in range(joints) for axis in "XYZ"),
         "",
     ]

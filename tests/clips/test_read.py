@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,8 +94,6 @@ def test_lying_before_a_camera_is_not_taken_for_standing(tmp_path: Path) -> None
     lying = TO_FILE["z"](waving() - CENTRE) + np.array([0, 0.8, 3.0])
     with pytest.raises(AmbiguousClipError, match="--up"):
         read_clip(write_npz(tmp_path / "a.npz", lying))
-    clip = read_clip(tmp_path / "a.npz", up="-y")
-    assert clip.joints[0, DEFAULT_JOINTS.index("head"), 2] > 3.4
 
 
 def test_what_the_file_states_is_taken(tmp_path: Path) -> None:
@@ -108,19 +107,18 @@ def test_what_the_file_states_is_taken(tmp_path: Path) -> None:
     assert read_clip(file, fps=50).fps == 50
 
 
-def test_a_stated_unit_that_makes_a_dwarf_is_questioned(tmp_path: Path) -> None:
-    file = write_npz(tmp_path / "a.npz", waving(), unit="mm")
-    with pytest.raises(AmbiguousClipError, match=r"states mm.*--unit"):
+@pytest.mark.parametrize(
+    ("metres", "stated", "message"),
+    [(1, {"unit": "mm"}, r"states mm.*--unit"), (0.0254 * 4, {}, "--unit")],
+    ids=["a dwarf", "between the usual units"],
+)
+def test_an_unlikely_unit_is_asked_for(
+    tmp_path: Path, metres: float, stated: dict[str, str], message: str
+) -> None:
+    file = write_npz(tmp_path / "a.npz", waving() / metres, **stated)
+    with pytest.raises(AmbiguousClipError, match=message):
         read_clip(file)
-    np.testing.assert_allclose(default_joints(read_clip(file, unit="m")), waving(), atol=1e-5)
-
-
-def test_a_unit_between_the_usual_ones_needs_an_answer(tmp_path: Path) -> None:
-    inches = waving() / 0.0254 / 4
-    file = write_npz(tmp_path / "a.npz", inches)
-    with pytest.raises(AmbiguousClipError, match="--unit"):
-        read_clip(file)
-    clip = read_clip(file, unit=0.0254 * 4)
+    clip = read_clip(file, unit=metres)
     np.testing.assert_allclose(default_joints(clip), waving(), atol=1e-4)
 
 
@@ -166,16 +164,15 @@ def test_impossible_options_are_usage_errors(tmp_path: Path, options: dict[str, 
         read_clip(write_npz(tmp_path / "a.npz", waving()), **options)  # type: ignore[arg-type]
 
 
-def test_stated_nonsense_names_the_option(tmp_path: Path) -> None:
-    for field, value in [
-        ("unit", "parsec"), ("up", "w"), ("fps", -3.0), ("fps", 1e-300),
-        ("fps", 1e300), ("layout", "kinekt"),
-    ]:  # fmt: skip
-        fields: dict[str, object] = {field: value}
-        file = tmp_path / f"{field}.npz"
-        np.savez(file, joints=waving(joints=LAYOUTS["smpl_24"]), **fields)
-        with pytest.raises(ClipError, match=f"--{field}"):
-            read_clip(file)
+@pytest.mark.parametrize(
+    "field",
+    [{"unit": "parsec"}, {"up": "w"}, {"fps": -3.0}, {"fps": 1e-300}, {"fps": 1e300},
+     {"layout": "kinekt"}],
+)  # fmt: skip
+def test_stated_nonsense_names_the_option(tmp_path: Path, field: dict[str, Any]) -> None:
+    np.savez(tmp_path / "a.npz", joints=waving(joints=LAYOUTS["smpl_24"]), **field)
+    with pytest.raises(ClipError, match=f"--{next(iter(field))}"):
+        read_clip(tmp_path / "a.npz")
 
 
 def test_content_settles_what_the_suffix_gets_wrong(tmp_path: Path) -> None:
@@ -187,16 +184,12 @@ def test_content_settles_what_the_suffix_gets_wrong(tmp_path: Path) -> None:
 
 def test_files_that_are_no_clips(tmp_path: Path) -> None:
     (tmp_path / "empty.npy").touch()
-    (tmp_path / "text.npy").write_text("hello, this is a text")
     (tmp_path / "clip.mp3").write_bytes(b"ID3")
     (tmp_path / "folder.npy").mkdir()
-    os.mkfifo(tmp_path / "pipe.npy")
     for name, message in [
         ("empty.npy", "is empty"),
-        ("text.npy", "is not a NumPy array"),
         ("clip.mp3", r"\.npy, \.npz, \.json, \.csv, \.skeleton, \.trc, \.bvh"),
         ("folder.npy", "is a folder"),
-        ("pipe.npy", "not a regular file"),
         ("missing.npy", "no such file"),
         ("nul\0.npy", "is not a file name"),
         ("x" * 300 + ".npy", "cannot be read"),
@@ -213,41 +206,33 @@ def test_unreadable_file(tmp_path: Path) -> None:
         read_clip(file)
 
 
-def test_still_and_short_clips(tmp_path: Path) -> None:
-    body = waving()
-    with pytest.raises(ClipError, match="2 distinct frames"):
-        read_clip(write_npz(tmp_path / "a.npz", np.repeat(body[:1], 5, axis=0)))
-    with pytest.raises(ClipError, match="at least 2 frames"):
-        read_clip(write_npz(tmp_path / "b.npz", body[:1]))
-
-
-def test_too_many_frames_or_joints(tmp_path: Path) -> None:
-    with pytest.raises(ClipError, match="cut out the action"):
-        read_clip(write_npy(tmp_path / "a.npy", np.ones((2**18 + 1, 15, 3), np.float32)))
-    with pytest.raises(ClipError, match="cut out the action"):
-        read_clip(write_npy(tmp_path / "b.npy", np.ones((2, 2000, 3), np.float32)))
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [((5, 15, 3), "2 distinct frames"), ((1, 15, 3), "at least 2 frames"),
+     ((2**18 + 1, 15, 3), "cut out the action"), ((2, 2000, 3), "cut out the action")],
+)  # fmt: skip
+def test_still_short_and_long_clips(
+    tmp_path: Path, shape: tuple[int, int, int], message: str
+) -> None:
+    body = np.broadcast_to(np.resize(waving()[0], shape[1:]), shape).astype(np.float32)
+    file = write_npy(tmp_path / "a.npy", body)
+    with pytest.raises(ClipError, match=message):
+        read_clip(file, layout="default_15", unit="m", up="y")
 
 
 def test_find_clips(tmp_path: Path) -> None:
     for name in ("b.npy", "a.json", "notes.txt", ".hidden.npy", "sub/c.CSV", ".git/d.npy"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    assert find_clips([tmp_path]) == [
-        tmp_path / "a.json",
-        tmp_path / "b.npy",
-        tmp_path / "sub/c.CSV",
-    ]
+    assert find_clips([tmp_path]) == [tmp_path / name for name in ("a.json", "b.npy", "sub/c.CSV")]
     assert find_clips([f"{tmp_path}/*.npy", tmp_path / "b.npy"]) == [tmp_path / "b.npy"]
     assert find_clips([f"{tmp_path}/.*.npy"]) == [tmp_path / ".hidden.npy"]
     assert find_clips([tmp_path / "s*"]) == [tmp_path / "sub/c.CSV"]
     assert find_clips([tmp_path], suffixes=(".txt",)) == [tmp_path / "notes.txt"]
     for nothing in ("none.npy", "none*.npy", "a**b", "nul\0"):
         assert find_clips([tmp_path / nothing]) == [tmp_path / nothing]
-
-
-def test_a_file_with_a_pattern_in_its_name(tmp_path: Path) -> None:
-    file = write_npz(tmp_path / "wave[1].npz", waving())
-    assert find_clips([file]) == [file]
+    (tmp_path / "wave[1].npz").touch()
+    assert find_clips([tmp_path / "wave[1].npz"]) == [tmp_path / "wave[1].npz"]
 
 
 @pytest.mark.usefixtures("unmeasured")

@@ -47,22 +47,6 @@ def test_the_rate_from_times(tmp_path: Path) -> None:
     assert read(file).fps == 50
 
 
-def test_pose2sim_names(tmp_path: Path) -> None:
-    long = {"l": "L", "r": "R", "sho": "Shoulder", "elb": "Elbow", "wri": "Wrist", "hip": "Hip",
-            "kne": "Knee", "ank": "Ankle"}  # fmt: skip
-    names = [
-        {"pelv": "CHip", "neck": "Neck", "head": "Head"}.get(name) or long[name[0]] + long[name[1:]]
-        for name in DEFAULT_JOINTS
-    ]
-    clip = read_clip(write_trc(tmp_path / "a.trc", waving(), names=names))
-    np.testing.assert_allclose(clip.joints, waving(), atol=1e-4)
-
-
-def test_a_wrong_unit_is_questioned(tmp_path: Path) -> None:
-    with pytest.raises(ClipError, match=r"states mm .*--unit"):
-        read_clip(write_trc(tmp_path / "a.trc", waving(), "mm"))
-
-
 def test_fewer_frames_than_announced_are_told(tmp_path: Path) -> None:
     file = write_trc(tmp_path / "a.trc", waving())
     file.write_text("\n".join(file.read_text().split("\n")[:16]))
