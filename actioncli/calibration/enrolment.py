@@ -69,10 +69,9 @@ def enrol(
         StoreError: the store cannot be written.
     """
     label = NEGATIVES if negative else check_label(label)
-    embeddings: list[FloatArray] = []
+    checksum, embeddings = "", list[FloatArray]()
     warnings: list[tuple[str, ...]] = [()] * len(clips)
     support: SupportSet | None = None
-    checksum = ""
     if recognizer is not None:
         checksum = recognizer.weights.checksum
         # Each by itself: an embedding does not depend on which clips came together.
@@ -82,9 +81,9 @@ def enrol(
         except StoreError as error:
             # A damaged example, for instance, is no reason to refuse a new one.
             warnings = [(f"not compared with the others: {error}",)] * len(clips)
-        else:
-            if not negative:
-                warnings = _warnings_of_all(support, label, embeddings)
+    if support is not None and not negative:
+        own = [*support.actions.get(label, ()), *embeddings]
+        warnings = [tuple(_warnings(support, label, own, clip)) for clip in embeddings]
     try:
         kept = store.enroll_all(
             [(label, clip) for clip in clips], note, negative, embeddings, checksum
@@ -104,50 +103,41 @@ def enrol(
     ]
 
 
-def _warnings_of_all(
-    support: SupportSet, label: str, embeddings: Sequence[FloatArray]
-) -> list[tuple[str, ...]]:
-    """For each new clip, what it looks like beside all others, new ones included."""
-    actions = dict(support.actions)
-    own = [*actions.pop(label, ()), *embeddings]
-    found = []
-    for clip in embeddings:
-        rest = [other for other in own if not np.array_equal(other, clip)]
-        beside = {**actions, label: np.stack(rest)} if rest else actions
-        if beside:
-            decision = support.recognizer.classify(
-                clip, beside, support.threshold.tau, support.negatives
-            )
-            found.append(tuple(enrolment_warnings(decision, label, support.threshold)))
-        else:
-            found.append(())
-    return found
+def _warnings(
+    support: SupportSet, label: str, own: Sequence[FloatArray], clip: FloatArray
+) -> list[str]:
+    """What speaks against an embedded clip beside all others, of which `own` are of its action."""
+    rest = [other for other in own if not np.array_equal(other, clip)]
+    actions = {name: examples for name, examples in support.actions.items() if name != label}
+    if rest:
+        actions[label] = np.stack(rest)
+    if not actions:
+        return []
+    threshold = support.threshold
+    decision = support.recognizer.classify(clip, actions, threshold, support.negatives)
+    return enrolment_warnings(decision, label, threshold)
 
 
 def enrolment_warnings(decision: Decision, label: str, threshold: Threshold) -> list[str]:
-    """What speaks against an example of `label`.
+    """What speaks against an example of `label`, in sentences without a full stop.
 
     Args:
         decision: on the example, with the support set that lacks it.
         label: the action that it should show; it is not ranked where this is its only example.
         threshold: what confidence must exceed.
-
-    Returns:
-        Sentences without a full stop; none where all is well.
     """
-    own = next((ranked for ranked in decision.ranking if ranked.label == label), None)
+    nearest = decision.ranking[0]
+    confidence = {ranked.label: ranked.confidence for ranked in decision.ranking}
+    own = confidence.pop(label, None)
     found = []
-    if own is not None and own.confidence <= threshold.of(label):
-        found.append(f"unlike the other examples of `{label}`, {own.confidence:.2f}")
+    if own is not None and own <= threshold.of(label):
+        found.append(f"unlike the other examples of `{label}`, {own:.2f}")
     if own is not None and decision.negative_is_nearer:
         found.append("closest to a negative")
-    nearest = decision.ranking[0]
     if own is not None and nearest.label != label:
-        found.append(f"closest to `{nearest.label}`, {nearest.confidence:.2f}")
-        return found
-    others = [ranked for ranked in decision.ranking if ranked.label != label]
-    like = max(others, key=lambda ranked: ranked.confidence, default=None)
-    if like is not None and like.confidence > threshold.of(like.label):
+        return [*found, f"closest to `{nearest.label}`, {nearest.confidence:.2f}"]
+    like = max(confidence, key=lambda other: confidence[other], default=label)
+    if like != label and confidence[like] > threshold.of(like):
         close = "closest to" if own is None else "also like"
-        found.append(f"{close} `{like.label}`, {like.confidence:.2f}")
+        found.append(f"{close} `{like}`, {confidence[like]:.2f}")
     return found
