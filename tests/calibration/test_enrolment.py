@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from actioncli import Decision, Recognizer, SupportSet, SupportStore, UsageError, read_clip
+from actioncli import Decision, Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.calibration.enrolment import enrol, enrolment_warnings
 from actioncli.recognition.decision import Ranked
 from actioncli.recognition.threshold import Threshold
@@ -89,20 +89,8 @@ def test_an_example_like_another_action_comes_with_a_warning(
     assert (one.label, one.added, one.warnings) == ("negatives", True, ())
 
 
-def test_without_a_recognizer_clips_are_kept_unseen(store: SupportStore) -> None:
-    (one,) = enrol(store, None, "squat", [SQUAT])
-    assert (one.added, one.warnings) == (True, ())
-
-
 def test_a_damaged_threshold_keeps_no_clip_out(store: SupportStore, recognizer: Recognizer) -> None:
     store.set_setting("threshold", "half")
     (one,) = enrol(store, recognizer, "squat", [SQUAT])
     assert one.added
     assert one.warnings[0].startswith("not compared with the others: ")
-
-
-def test_the_name_of_negatives_may_be_taken(store: SupportStore, recognizer: Recognizer) -> None:
-    store.enroll("negatives", SQUAT)
-    with pytest.raises(UsageError, match="actioncli rename negatives NEW"):
-        enrol(store, recognizer, "", [BOW], negative=True)
-    assert len(store.examples("negatives")) == 1

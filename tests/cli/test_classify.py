@@ -190,21 +190,6 @@ def test_a_support_set_that_cannot_be_written_is_enough(
     assert ": squat" in done.stdout
 
 
-def test_ids_of_processes_that_enrol_at_once_are_all_there(
-    run: Run, store: SupportStore, tmp_path: Path
-) -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(4) as pool:
-        done = list(
-            pool.map(
-                lambda label: run("enroll", label, EXAMPLES / f"{ACTIONS[label]}.npz"), ACTIONS
-            )
-        )
-    assert [one.returncode for one in done] == [0] * len(ACTIONS)
-    assert [action.label for action in store.actions()] == sorted(ACTIONS)
-
-
 def test_batches_decide_as_each_clip_alone(
     invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

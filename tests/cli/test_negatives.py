@@ -1,7 +1,6 @@
 """enroll --negative, what classify makes of it, and the warnings of enroll."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -70,36 +69,6 @@ def test_what_is_nearer_to_a_negative_is_rejected(invoke: Invoke, filled: Suppor
     assert json.loads(invoke(*words).stdout)["clips"][0]["accepted"]
 
 
-def test_negatives_that_are_farther_change_nothing(invoke: Invoke, filled: SupportStore) -> None:
-    words = ["classify", SQUAT, "--tau", "0", "--json"]
-    before = json.loads(invoke(*words).stdout)["clips"][0]
-    invoke("enroll", "--negative", PUNCH)
-    after = json.loads(invoke(*words).stdout)["clips"][0]
-    assert after.pop("nearest_negative") > before["ranking"][0]["distance"]
-    for entry in (before, after):
-        entry.pop("ms")
-    assert before.pop("nearest_negative") is None
-    assert after == before
-
-
-def test_the_library_takes_clips_and_embeddings() -> None:
-    recognizer = Recognizer()
-    query, punch, squat = map(read_clip, (SQUAT, PUNCH, EXAMPLES / "squat/cleo.npz"))
-    support = {"squat": [squat]}
-    alone = recognizer.classify(query, support, 0)
-    assert alone.nearest_negative is None
-    assert recognizer.classify(query, support, 0, []) == alone
-    shadowed = recognizer.classify(query, support, 0, [punch, query])
-    assert (shadowed.accepted, shadowed.label, shadowed.negative_is_nearer) == (False, None, True)
-    assert shadowed.ranking == alone.ranking
-    assert shadowed.notes[:-1] == alone.notes
-    embedded = recognizer.classify(query, support, 0, recognizer.embed([punch, query]))
-    assert embedded == shadowed
-    # As near to the negative as to the action is not nearer.
-    same = recognizer.classify(query, {"squat": [query]}, 0, [query])
-    assert same.accepted
-
-
 def test_only_negatives_is_an_empty_support_set(invoke: Invoke, store: SupportStore) -> None:
     invoke("enroll", "--negative", PUNCH)
     assert invoke("classify", SQUAT).exit_code == 4
@@ -123,17 +92,6 @@ def test_they_are_listed_apart_shown_and_removed(invoke: Invoke, filled: Support
     assert len(filled.negatives()) == 2
 
 
-def test_they_survive_export_and_import(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
-    invoke("enroll", "--negative", PUNCH)
-    file = tmp_path / "actions.safetensors"
-    invoke("export", file)
-    invoke("clear", "--yes")
-    invoke("import", file)
-    assert len(filled.negatives()) == 1
-
-
 def test_an_example_of_another_action_is_told(invoke: Invoke, filled: SupportStore) -> None:
     for file in ("squat/ben.npz", "squat/cleo.npz"):
         invoke("enroll", "squat", EXAMPLES / file, "-q")
@@ -154,14 +112,6 @@ def test_an_example_of_another_action_is_told(invoke: Invoke, filled: SupportSto
     # Once it is there, the same clip is told as such and not warned about.
     [again] = json.loads(invoke("enroll", "squat", stray, "--json").stdout)["clips"]
     assert (again["added"], again["warnings"]) == (False, [])
-
-
-def test_a_first_example_like_another_action_is_told(invoke: Invoke, filled: SupportStore) -> None:
-    words = ["enroll", "crouch", SQUAT, "--json"]
-    seen = Recognizer().classify(read_clip(SQUAT), filled.support())
-    assert seen.accepted
-    [entry] = json.loads(invoke(*words).stdout)["clips"]
-    assert entry["warnings"] == [f"closest to `squat`, {seen.confidence:.2f}"]
 
 
 def test_nothing_to_compare_with_is_no_warning(invoke: Invoke, store: SupportStore) -> None:

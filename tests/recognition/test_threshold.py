@@ -23,12 +23,6 @@ def test_it_is_kept_replaced_and_forgotten(store: SupportStore) -> None:
     assert kept_threshold(store) is None
 
 
-@pytest.mark.parametrize("tau", [0.0, 1.0])
-def test_the_extremes_are_thresholds(store: SupportStore, tau: float) -> None:
-    keep_threshold(store, Threshold(tau, "abc", {"wave": tau}))
-    assert kept_threshold(store) == Threshold(tau, "abc", {"wave": tau})
-
-
 def test_an_action_s_own_threshold_goes_with_its_name(store: SupportStore) -> None:
     rng = np.random.default_rng(0)
     for label in ("wave", "squat", "bow"):

@@ -176,14 +176,6 @@ def test_an_ordinary_clip_is_compared_as_ever() -> None:
         assert decision.ranking == alone.ranking
 
 
-def test_embeddings_tell_no_durations() -> None:
-    clip = joined(KICK, QUERIES["wave_right"], BOW)
-    embedded = {label: RECOGNIZER.embed(clips) for label, clips in SUPPORT.items()}
-    assert RECOGNIZER.classify(clip, embedded).part == (0, clip.duration)
-    told = RECOGNIZER.classify(clip, embedded, durations=DURATIONS)
-    assert told == RECOGNIZER.classify(clip, SUPPORT)
-
-
 @given(st.sampled_from(sorted(QUERIES)), st.floats(0, 8), st.floats(0, 8))
 @settings(max_examples=cases(12))
 def test_idling_before_and_after_changes_little(label: str, before: float, after: float) -> None:
@@ -193,25 +185,3 @@ def test_idling_before_and_after_changes_little(label: str, before: float, after
     assert decision.part is not None
     start, end = decision.part
     assert 0 <= start < end <= clip.duration + 1e-6
-
-
-def test_windows_like_a_negative_are_left_out() -> None:
-    wave = QUERIES["wave_right"]
-    clip = joined(KICK, wave, BOW)
-    # What else is in the clip does not matter to the part that shows the action.
-    assert RECOGNIZER.classify(clip, SUPPORT, negatives=[KICK, BOW]).label == "wave_right"
-    # The window that decides is like the wave; one that is not may decide instead.
-    free = RECOGNIZER.classify(clip, SUPPORT)
-    other = RECOGNIZER.classify(clip, SUPPORT, negatives=[wave])
-    assert free.accepted
-    assert not other.accepted or other.part != free.part
-    assert other.confidence < free.confidence
-    assert other.nearest_negative is not None
-
-
-def test_a_clip_that_is_a_negative_is_rejected_whatever_is_in_it() -> None:
-    clip = joined(KICK, QUERIES["wave_right"], BOW)
-    decision = RECOGNIZER.classify(clip, SUPPORT, negatives=[clip])
-    assert decision.negative_is_nearer
-    assert not decision.accepted
-    assert decision.part == (0, clip.duration)
