@@ -247,11 +247,14 @@ def _support_set(settings: Settings) -> Iterator[Check]:
             yield Check("support set", "ok", str(store.path))
             problems = store.check()
             actions = store.actions()
+            copy = store.backup_flaw()
     except StoreError as error:
         yield Check("support set", "problem", str(error), StoreError.exit_code)
         return
     for problem in problems:
         yield Check("support set", "problem", problem, StoreError.exit_code)
+    if actions:
+        yield Check("copy of it", "missing" if copy else "ok", copy or "as it is now, and whole")
     examples = sum(action.examples for action in actions)
     yield Check(
         "enrolled", "ok", f"{plural(len(actions), 'action')}, {plural(examples, 'example')}"

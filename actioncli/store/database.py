@@ -27,7 +27,7 @@ from actioncli.store.location import exists, prepare
 PATIENCE = 30.0
 
 # Bytes; more than any example has, so that what a hostile file announces stays bearable.
-_LONGEST_ROW = 96 * 2**20
+LONGEST_ROW = 96 * 2**20
 
 # What SQLite answers where only giving back a lock failed.
 _UNLOCKING = {sqlite3.SQLITE_IOERR_RDLOCK, sqlite3.SQLITE_IOERR_UNLOCK}
@@ -53,7 +53,7 @@ def reading(path: Path) -> Iterator[sqlite3.Connection | None]:
     if not exists(path):
         yield None
         return
-    with _connected(path, PATIENCE) as db:
+    with connected(path) as db:
         db.execute("BEGIN")
         version = migrations.schema_version(db, path)
         if not 0 < version < len(migrations.MIGRATIONS):
@@ -81,14 +81,13 @@ def _brought_up_to_date(path: Path) -> bool:
 
 
 @contextmanager
-def writing(path: Path, patience: float | None = None) -> Iterator[sqlite3.Connection]:
+def writing(path: Path) -> Iterator[sqlite3.Connection]:
     """One write transaction: committed when the block ends, undone when it raises.
 
     Creates the store and brings its schema up to date, in the same transaction.
 
     Args:
         path: the store's file.
-        patience: seconds to wait for other writers; `PATIENCE` where None.
 
     Raises:
         StoreError: the file cannot be opened, locked or written as a store.
@@ -96,7 +95,7 @@ def writing(path: Path, patience: float | None = None) -> Iterator[sqlite3.Conne
     while True:
         prepare(path)
         file = _file(path)
-        with _connected(path, PATIENCE if patience is None else patience) as db:
+        with connected(path) as db:
             # The write lock is taken first: a reader that turned writer could deadlock with
             # another.
             db.execute("BEGIN IMMEDIATE")
@@ -128,13 +127,13 @@ def _file(path: Path) -> tuple[int, int] | None:
 
 
 @contextmanager
-def _connected(path: Path, patience: float) -> Iterator[sqlite3.Connection]:
+def connected(path: Path) -> Iterator[sqlite3.Connection]:
     """A connection whose errors are `StoreError`; closing it undoes what was not committed."""
     try:
         # mode=rw never creates; where writing is not allowed, SQLite opens for reading only.
         uri = f"{path.as_uri()}?mode=rw"
-        with closing(sqlite3.connect(uri, uri=True, timeout=patience, isolation_level=None)) as db:
-            db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_ROW)
+        with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE, isolation_level=None)) as db:
+            db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_ROW)
             for pragma in _PRAGMAS:
                 db.execute(pragma)
             yield db

@@ -82,11 +82,11 @@ def insert(db: sqlite3.Connection, record: Record) -> Enrolled:
         "SELECT 1 + max((SELECT coalesce(max(id), 0) FROM examples), coalesce("
         "(SELECT seq FROM sqlite_sequence WHERE name = 'examples'), 0))"
     ).fetchone()
-    place(db, example, record)
+    insert_as(db, example, record)
     return Enrolled(example, record.label, added=True)
 
 
-def place(db: sqlite3.Connection, example: int, record: Record) -> None:
+def insert_as(db: sqlite3.Connection, example: int, record: Record) -> None:
     """Write an example under a free identifier."""
     from actioncli.store.record import COLUMNS
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from actioncli.errors import StoreError
 
 _RESTORE = (
-    "Run `actioncli doctor --repair`: it salvages what the file still holds, and keeps the file. "
-    "What is gone comes back from an export (`actioncli import FILE`)."
+    "Run `actioncli doctor --repair`: it takes what the file still holds, fills up from the copy "
+    "beside it, and keeps the file."
 )
 # By SQLite's result code; https://sqlite.org/rescode.html
 _REASONS = {

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+import zlib
 from pathlib import Path
 
 from actioncli.errors import StoreError
@@ -85,6 +86,19 @@ def prepare(path: Path) -> None:
             path.chmod(0o600)
     except (OSError, ValueError) as error:
         raise _unusable(path, error) from error
+
+
+def beside(path: Path, suffix: str) -> Path:
+    """The name of what belongs to a store, beside it; SQLite may append to that.
+
+    A name that leaves no room loses its end, in whose place a checksum tells stores apart.
+    """
+    room = _LONGEST_NAME - len(suffix)
+    name = os.fsencode(path.name)
+    if len(name) <= room:
+        return path.with_name(path.name + suffix)
+    cut = name[: room - 9].decode(errors="ignore")
+    return path.with_name(f"{cut}~{zlib.crc32(name):08x}{suffix}")
 
 
 def sync_folder(folder: Path) -> None:

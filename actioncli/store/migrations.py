@@ -141,6 +141,16 @@ def _as_made(db: sqlite3.Connection, version: int) -> bool:
     return found == _made(version)
 
 
+def is_as_made(db: sqlite3.Connection, table: str, version: int) -> bool:
+    """Whether a table can be read to be the one that the migrations up to a version make."""
+    query = "SELECT type, name, tbl_name, sql FROM sqlite_master WHERE name = ?"
+    try:
+        found = set(db.execute(query, (table,)))
+    except (sqlite3.Error, UnicodeDecodeError):
+        return False
+    return found == {row for row in _made(version) if row[1] == table}
+
+
 @lru_cache
 def _made(version: int) -> set[tuple[str, str, str, str | None]]:
     with closing(sqlite3.connect(":memory:")) as db:
@@ -155,12 +165,6 @@ def _made(version: int) -> set[tuple[str, str, str, str | None]]:
 
 def _objects(db: sqlite3.Connection) -> set[tuple[str, str, str, str | None]]:
     return set(db.execute("SELECT type, name, tbl_name, sql FROM sqlite_master"))
-
-
-def schema_of(db: sqlite3.Connection) -> list[str]:
-    """The statements that a database says it was made with."""
-    rows = db.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY sql")
-    return [str(sql) for (sql,) in rows]
 
 
 def migrate(db: sqlite3.Connection, path: Path) -> None:

@@ -1,4 +1,5 @@
-"""Repairing a damaged store: what it still holds goes into a new file, the damaged one is kept.
+"""Repairing a damaged store: what can be read of it goes into a new file, what is missing comes
+from the copy beside it, the damaged file is kept.
 
 Nothing is taken away before all that replaces it is on the disk, so that a repair that is
 interrupted at any moment leaves what was there, or what it made of it.
@@ -8,59 +9,67 @@ from __future__ import annotations
 
 import os
 import shutil
+import sqlite3
 import sys
 import tempfile
 import time
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from mmap import ACCESS_READ, mmap
-from operator import ne
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from actioncli.errors import StoreError
-from actioncli.store.database import writing
-from actioncli.store.examples import place
+from actioncli.errors import ActionCliError, StoreError
+from actioncli.store.backup import backup_path, make_backup
+from actioncli.store.database import LONGEST_ROW, writing
+from actioncli.store.examples import insert_as, read_record
 from actioncli.store.faults import system_fault
 from actioncli.store.health import damage
-from actioncli.store.location import exists, sync_folder
-from actioncli.store.migrations import MIGRATIONS, schema_of
-from actioncli.store.salvage import Gone, Salvage, salvage
-from actioncli.store.settings import put_setting
+from actioncli.store.location import beside, exists, sync_folder
+from actioncli.store.migrations import MIGRATIONS, is_as_made
+from actioncli.store.names import check_label
+from actioncli.store.record import COLUMNS, Record, find_flaw
+from actioncli.store.settings import intact_setting, put_setting
 
 # Seconds that a reader or a short write may take to leave the store alone.
 _PATIENCE = 2.0
 # The bytes that SQLite locks, at their place in every database: a writer holds some of them.
 _LOCK_START, _LOCK_LENGTH = 0x40000000, 512
-# Letters of a statement of the schema that damage may have changed.
-_MOST_FLIPPED = 8
+# Identifiers between two damaged pages that are tried one by one.
+_MOST_TRIED = 100_000
+# What reading a damaged database raises.
+_UNREADABLE = (sqlite3.Error, ActionCliError, UnicodeDecodeError, TypeError, ValueError)
 
 
 @dataclass(frozen=True)
+class Gone:
+    """An example that could be named, but not read."""
+
+    id: int
+    label: str
+    why: str
+
+
+@dataclass
 class Repair:
     """What a repair did.
 
     Attributes:
         kept: where the damaged file lies now.
-        labels: of the examples that were salvaged, by identifier.
+        labels: of the examples that are there again, by identifier.
         doubtful: those of them whose source, note or time may have changed.
         gone: the examples that are lost, as far as they can be named.
         settings_gone: names of the settings that are lost.
         complete: whether that is all that is lost.
     """
 
-    kept: Path
-    labels: dict[int, str]
-    doubtful: tuple[int, ...]
-    gone: tuple[Gone, ...]
-    settings_gone: tuple[str, ...]
-    complete: bool
-
-
-# Bytes, on the file systems in use.
-_LONGEST_NAME = 255
+    kept: Path = field(default_factory=Path)
+    labels: dict[int, str] = field(default_factory=dict)
+    doubtful: list[int] = field(default_factory=list)
+    gone: list[Gone] = field(default_factory=list)
+    settings_gone: list[str] = field(default_factory=list)
+    complete: bool = True
 
 
 def repair(path: Path) -> Repair | None:
@@ -76,17 +85,17 @@ def repair(path: Path) -> Repair | None:
         with _alone(path) as file, _workshop(path) as folder:
             copy = folder / "damaged.db"
             _copy(file, copy)
-            journal = _beside(path, "-journal")
+            journal = _journal(path)
             if journal.is_file():
-                shutil.copyfile(journal, _beside(copy, "-journal"))
+                shutil.copyfile(journal, _journal(copy))
             # Reading it plays back its journal, as reading the store itself would.
             if not damage(copy):
                 return None
             whole = folder / "whole.db"
-            found = _salvage(copy, whole, path)
+            done = _rebuild(copy, whole, path)
             if damage(whole):
-                raise StoreError(f"{path}: what could be salvaged is damaged again; is the disk?")
-            kept = _keep(file, path, folder)
+                raise StoreError(f"{path}: what could be read is damaged again; is the disk?")
+            done.kept = _keep(file, path, folder)
             if journal.is_file():
                 # A journal belongs to what it can play back, never to the file that comes now.
                 _overwrite(file, copy)
@@ -98,10 +107,171 @@ def repair(path: Path) -> Repair | None:
             sync_folder(path.parent)
     except OSError as error:
         raise system_fault(path, error, "cannot be repaired") from error
-    return Repair(
-        kept, found.labels, tuple(found.doubtful), tuple(found.gone), tuple(found.settings_gone),
-        found.complete,
-    )  # fmt: skip
+    make_backup(path)
+    return done
+
+
+def _rebuild(copy: Path, whole: Path, path: Path) -> Repair:
+    """Fill the store `whole` with what can be read of the file `copy`, and of the store's copy.
+
+    Raises:
+        StoreError: nothing of a support set is in either, or a newer release wrote it.
+    """
+    done = Repair()
+    backup = backup_path(path)
+    with _opened(copy) as damaged, _opened(backup) as spare, writing(whole) as db:
+        if damaged.is_newer:
+            raise StoreError(
+                f"{path} was written by a newer release: update actioncli, and repair it with that."
+            )
+        labels = spare.labels | damaged.labels
+        ids = sorted(damaged.labels.keys() | spare.labels.keys() | damaged.unlisted())
+        for example in ids:
+            record = damaged.record(example) or spare.record(example)
+            doubtful = damaged.doubtful(example) if record is None else None
+            if found := record or doubtful:
+                insert_as(db, example, found)
+                done.labels[example] = found.label
+                if doubtful:
+                    done.doubtful.append(example)
+            elif example in labels:
+                done.gone.append(Gone(example, labels[example], "its recording is damaged"))
+        settings = spare.settings() | damaged.settings()
+        for name, value in settings.items():
+            if value is None:
+                done.settings_gone.append(name)
+            else:
+                put_setting(db, name, value)
+        done.complete = damaged.complete
+        if not (done.labels or done.gone or settings):
+            raise StoreError(
+                f"{path}: nothing of a support set was found in it, and it was left as it is. Move "
+                "it away to begin anew, or name another file with --store or ACTIONCLI_HOME."
+            )
+        # What was lost gives its number to no other example either.
+        last = max([damaged.last, spare.last, *ids])
+        db.execute("DELETE FROM sqlite_sequence WHERE name = 'examples'")
+        db.execute("INSERT INTO sqlite_sequence VALUES ('examples', ?)", (last,))
+    return done
+
+
+class _Readable:
+    """What plain queries still read of a database that may be damaged; all of it is proved.
+
+    Attributes:
+        labels: of the examples, by identifier, as the table or the index over it lists them.
+        complete: whether that is all of them, and all settings can be read.
+        last: the highest identifier that was ever given, as far as is known.
+        is_newer: whether a release after this one made it.
+    """
+
+    def __init__(self, db: sqlite3.Connection) -> None:
+        """Read what is listed."""
+        self._db = db
+        (version,) = next(self._rows("PRAGMA user_version"), (0,))
+        # A table that somebody else made could be a view that never ends.
+        self._sealed = is_as_made(db, "examples", len(MIGRATIONS))
+        self._ours = self._sealed or any(
+            is_as_made(db, "examples", number) for number in range(1, len(MIGRATIONS))
+        )
+        self.is_newer = isinstance(version, int) and version > len(MIGRATIONS) and not self._ours
+        self.labels: dict[int, str] = {}
+        self.complete = False
+        self.last = 0
+        if not self._ours:
+            return
+        index = "INDEXED BY sqlite_autoindex_examples_1"
+        whole = [
+            self._list(f"SELECT id, label FROM examples {hint} ORDER BY {order}")
+            for hint, order in (
+                (index, "label, negative, checksum"),
+                (index, "label DESC, negative DESC, checksum DESC"),
+                ("NOT INDEXED", "id"),
+                ("NOT INDEXED", "id DESC"),
+            )
+        ]
+        sequence = "SELECT seq FROM sqlite_sequence WHERE name = 'examples'"
+        (last,) = next(self._rows(sequence), (0,))
+        self.last = last if isinstance(last, int) and 0 <= last < 2**31 else 0
+        settings = list(self._rows("SELECT count(*) FROM settings NOT INDEXED"))
+        self.complete = any(whole) and bool(settings)
+
+    def _rows(self, query: str, *values: object) -> Iterator[tuple[object, ...]]:
+        """The rows of a query as far as they can be read."""
+        try:
+            yield from self._db.execute(query, values)
+        except _UNREADABLE:
+            return
+
+    def _list(self, query: str) -> bool:
+        """Note the labels of examples; whether all could be read."""
+        try:
+            for example, label in self._db.execute(query):
+                if isinstance(example, int) and 0 < example < 2**31 and check_label(label) == label:
+                    self.labels.setdefault(example, label)
+        except _UNREADABLE:
+            return False
+        return True
+
+    def unlisted(self) -> set[int]:
+        """Identifiers of examples that may hide between damaged pages."""
+        last = max([self.last, *self.labels])
+        return set(range(1, last + 1)) if self._ours and last <= _MOST_TRIED else set()
+
+    def record(self, example: int) -> Record | None:
+        """An example that is proved to be what was enrolled."""
+        if self._sealed:
+            try:
+                return read_record(self._db, Path(), example)
+            except _UNREADABLE:
+                return None
+        return None
+
+    def doubtful(self, example: int) -> Record | None:
+        """An example whose recording is proved by its checksum, and its label by the index; its
+        source, note or time may have changed."""
+        listed = (
+            "SELECT label, negative, checksum FROM examples INDEXED BY "
+            "sqlite_autoindex_examples_1 WHERE id = ?"
+        )
+        if not self._ours:
+            return None
+        for row in self._rows(f"SELECT {COLUMNS} FROM examples NOT INDEXED WHERE id = ?", example):
+            try:
+                record = Record.from_row(row)
+                if find_flaw(record) is None and (
+                    record.label,
+                    int(record.negative),
+                    record.checksum,
+                ) in self._rows(listed, example):
+                    return record
+            except _UNREADABLE:
+                continue
+        return None
+
+    def settings(self) -> dict[str, str | None]:
+        """Settings by name; None for one that is damaged."""
+        found: dict[str, str | None] = {}
+        if not self._ours:
+            return found
+        for (name,) in self._rows("SELECT name FROM settings ORDER BY name"):
+            if isinstance(name, str) and name.isprintable():
+                found[name] = None
+        for name, value, crc in self._rows("SELECT name, value, crc FROM settings NOT INDEXED"):
+            if intact_setting(name, value, crc):
+                found[str(name)] = str(value)
+        return found
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[_Readable]:
+    """A database that may be damaged, or not be there."""
+    name = f"{path.as_uri()}?mode=rw" if path.is_file() and not path.is_symlink() else ":memory:"
+    with closing(sqlite3.connect(name, uri=True, isolation_level=None)) as db:
+        db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_ROW)
+        for pragma in ("trusted_schema = OFF", "cell_size_check = ON", "query_only = ON"):
+            db.execute(f"PRAGMA {pragma}")
+        yield _Readable(db)
 
 
 @contextmanager
@@ -144,55 +314,6 @@ def _workshop(path: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _salvage(copy: Path, whole: Path, path: Path) -> Salvage:
-    """Fill the store `whole` with what the file `copy` still holds."""
-    with writing(whole) as db:
-        expected = schema_of(db)
-    if _is_newer(copy, expected):
-        raise StoreError(
-            f"{path} was written by a newer release: update actioncli, and repair it with that."
-        )
-    size = copy.stat().st_size
-    with writing(whole) as db, copy.open("rb") as file:
-        content = mmap(file.fileno(), 0, access=ACCESS_READ) if size else b""
-        found = salvage(content, lambda example, record: place(db, example, record))
-        if isinstance(content, mmap):
-            content.close()
-        if not found.ours:
-            raise StoreError(
-                f"{path}: nothing of a support set was found in it, and it was left as it is. Move "
-                "it away to begin anew, or name another file with --store or ACTIONCLI_HOME."
-            )
-        for name, value in found.settings.items():
-            put_setting(db, name, value)
-        # What was lost gives its number to no other example either.
-        db.execute("DELETE FROM sqlite_sequence WHERE name = 'examples'")
-        db.execute("INSERT INTO sqlite_sequence VALUES ('examples', ?)", (found.last,))
-    return found
-
-
-def _is_newer(copy: Path, expected: list[str]) -> bool:
-    """Whether the file can be read so far that it tells of a schema that this release lacks."""
-    import sqlite3
-    from contextlib import closing
-
-    try:
-        with closing(sqlite3.connect(f"{copy.as_uri()}?mode=ro", uri=True)) as db:
-            (version,) = db.execute("PRAGMA user_version").fetchone()
-            # A version that is only a flipped bit has the schema that is known.
-            return version > len(MIGRATIONS) and not _is_known(schema_of(db), expected)
-    except (sqlite3.Error, UnicodeDecodeError):
-        return False
-
-
-def _is_known(schema: list[str], expected: list[str]) -> bool:
-    """Whether these are the expected statements, but for a few flipped bits in each."""
-    return len(schema) == len(expected) and all(
-        any(len(one) == len(each) and sum(map(ne, one, each)) <= _MOST_FLIPPED for each in expected)
-        for one in schema
-    )
-
-
 def _keep(file: BinaryIO, path: Path, folder: Path) -> Path:
     """Copy the damaged store, and its journal, to a name beside it that is free; that name.
 
@@ -201,26 +322,24 @@ def _keep(file: BinaryIO, path: Path, folder: Path) -> Path:
     number = 1
     while True:
         suffix = ".damaged" if number == 1 else f".damaged-{number}"
-        # A name that leaves no room for what is appended to it loses its end.
-        room = _LONGEST_NAME - len(suffix) - len("-journal")
-        kept = path.with_name(os.fsencode(path.name)[:room].decode(errors="ignore") + suffix)
-        if not os.path.lexists(kept) and not os.path.lexists(_beside(kept, "-journal")):
+        kept = beside(path, suffix)
+        if not os.path.lexists(kept) and not os.path.lexists(_journal(kept)):
             break
         number += 1
     copy = folder / "kept.db"
     _copy(file, copy)
-    journal = _beside(path, "-journal")
+    journal = _journal(path)
     if journal.is_file():
         with journal.open("rb") as source:
-            _copy(source, _beside(copy, "-journal"))
-        _beside(copy, "-journal").rename(_beside(kept, "-journal"))
+            _copy(source, _journal(copy))
+        _journal(copy).rename(_journal(kept))
     copy.rename(kept)
     sync_folder(path.parent)
     return kept
 
 
-def _beside(path: Path, suffix: str) -> Path:
-    return path.with_name(path.name + suffix)
+def _journal(path: Path) -> Path:
+    return path.with_name(path.name + "-journal")
 
 
 def _copy(source: BinaryIO, target: Path) -> None:

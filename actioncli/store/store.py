@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
+from actioncli.store.backup import changing
 from actioncli.store.cache import rename_embeddings
-from actioncli.store.database import reading, writing
+from actioncli.store.database import reading
 from actioncli.store.examples import (
     Enrolled,
     Example,
@@ -108,7 +109,7 @@ class SupportStore:
         records = [Record.from_clip(label, clip, note, negative) for label, clip in clips]
         if not records:
             return []
-        with writing(self.path) as db:
+        with changing(self.path) as db:
             enrolled = [insert(db, record) for record in records]
             if len(embeddings):
                 fresh = zip([one.example for one in enrolled], embeddings, strict=True)
@@ -191,7 +192,7 @@ class SupportStore:
         """Keep (F, E) embeddings by example for later queries; those of other weights go."""
         from actioncli.store.cache import write_embeddings
 
-        with writing(self.path) as db:
+        with changing(self.path) as db:
             write_embeddings(db, weights_checksum, embeddings)
 
     def remove(self, label: str, example: int | None = None) -> int:
@@ -202,7 +203,7 @@ class SupportStore:
         """
         with reading(self.path) as db:
             known(db, label)  # an unknown label must not create the store
-        with writing(self.path) as db:
+        with changing(self.path, erases=True) as db:
             label = known(db, label)
             removed = db.execute(
                 "DELETE FROM examples WHERE label = ?1 AND (?2 IS NULL OR id = ?2)",
@@ -224,7 +225,7 @@ class SupportStore:
         new = check_label(new)
         with reading(self.path) as db:
             known(db, old)  # an unknown label must not create the store
-        with writing(self.path) as db:
+        with changing(self.path) as db:
             old = known(db, old)
             if new != old and holds_negatives(db, new) is not None:
                 raise UsageError(
@@ -243,7 +244,7 @@ class SupportStore:
         with reading(self.path) as db:
             if db is None:
                 return 0
-        with writing(self.path) as db:
+        with changing(self.path, erases=True) as db:
             if settings:
                 db.execute("DELETE FROM settings")
             return db.execute("DELETE FROM examples").rowcount
@@ -288,7 +289,7 @@ class SupportStore:
         # Once to the end before the store is created or locked, and once more to add.
         if sum(1 for _ in read_archive(path)) == 0:
             return 0, 0
-        with writing(self.path) as db:
+        with changing(self.path) as db:
             if not any(
                 db.execute(f"SELECT 1 FROM {table} LIMIT 1").fetchone()
                 for table in ("examples", "settings")
@@ -319,7 +320,7 @@ class SupportStore:
                     or not db.execute("SELECT 1 FROM settings WHERE name = ?", (name,)).fetchone()
                 ):
                     return  # forgetting must not create a store
-        with writing(self.path) as db:
+        with changing(self.path) as db:
             if value is None:
                 db.execute("DELETE FROM settings WHERE name = ?", (name,))
             else:
@@ -340,6 +341,12 @@ class SupportStore:
         from actioncli.store.health import damage
 
         return damage(self.path)
+
+    def backup_flaw(self) -> str | None:
+        """What is wrong with the copy of the store beside it; None where it is as it should be."""
+        from actioncli.store.backup import backup_flaw
+
+        return backup_flaw(self.path)
 
     def repair(self) -> Repair | None:
         """Put a whole store, with what a damaged one still holds, in its place.

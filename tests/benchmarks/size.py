@@ -79,8 +79,12 @@ def fill(folder: Path, actions: int, each: int) -> None:
         return actioncli.Clip(moved, DEFAULT_JOINTS, clip.fps)
 
     with actioncli.SupportStore(folder / "support.db") as store:
-        store.enroll_all([(f"action {n // each:05}", short(n)) for n in range(actions * each)])
-        store.embeddings(recognizer.weights.checksum, varied)
+        examples = [short(n) for n in range(actions * each)]
+        store.enroll_all(
+            [(f"action {n // each:05}", clip) for n, clip in enumerate(examples)],
+            embeddings=[varied([clip])[0] for clip in examples],
+            weights_checksum=recognizer.weights.checksum,
+        )
     write_clip(folder / "query.npz", clips[0])
 
 
@@ -89,7 +93,7 @@ def query(folder: Path) -> None:
     recognizer = actioncli.Recognizer()
     clip = actioncli.read_clip(folder / "query.npz")
     with actioncli.SupportStore(folder / "support.db") as store:
-        support = store.embeddings(recognizer.weights.checksum, recognizer.embed)
+        support = actioncli.SupportSet.load(store, recognizer).actions
     wall, processor = [], []
     for _ in range(WARM + 1):
         begun, used = time.perf_counter(), time.process_time()

@@ -104,6 +104,10 @@ def test_damage_is_told_with_the_way_out(
 
 def test_repair_tells_what_is_gone(invoke: Invoke, filled: SupportStore) -> None:
     clips = {label: filled.support()[label][0] for label in ACTIONS}
+    copy = filled.path.with_name("support.db.backup")
+    checks = json.loads(invoke("doctor", "--json").stdout)["checks"]
+    assert [check["status"] for check in checks if check["name"] == "copy of it"] == ["ok"]
+    copy.unlink()
     damage(filled, 3)
     result = invoke("doctor", "--repair")
     kept = filled.path.with_name("support.db.damaged")

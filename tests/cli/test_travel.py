@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from actioncli import Recognizer, SupportStore, read_clip
+from actioncli import Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
 from .conftest import EXAMPLES, Invoke, MakeClip, Run
@@ -79,7 +79,7 @@ def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_pa
     # JSON has six digits; these are all of them.
     stores = [SupportStore(machine["cwd"] / "home" / "support.db") for machine in machines]
     recognizer = Recognizer()
-    embedded = [store.embeddings(recognizer.weights.checksum, recognizer.embed) for store in stores]
+    embedded = [SupportSet.load(store, recognizer).actions for store in stores]
     assert list(embedded[0]) == list(embedded[1])
     for label in embedded[0]:
         assert np.array_equal(embedded[0][label], embedded[1][label])

@@ -36,6 +36,7 @@ from actioncli import read_clip
 from actioncli.errors import StoreError
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.store.archive import read_archive
+from actioncli.store.backup import make_backup
 from actioncli.store.record import Record
 from actioncli.store.store import SupportStore
 from tests.forking import NOBODY, fork
@@ -238,6 +239,7 @@ class Round:
         self.refusals = True
         self.fill()
         self.store.enroll("lost", make_clip(self.seed * 100_000, 60))
+        copied = self.random.random() < 0.5 and make_backup(self.store.path)
         content = bytearray(self.store.path.read_bytes())
         joints = make_clip(self.seed * 100_000, 60).joints.astype("<f4").tobytes()
         place = content.index(joints[-500:])
@@ -256,8 +258,11 @@ class Round:
         kept = next(beside, self.home / "none")
         if not kept.exists() or content[place : place + 9] not in kept.read_bytes():
             raise RoundError("the damaged file was not kept")
-        if done and [(gone.id, gone.label) for gone in done.gone] != [(4, "lost")]:
+        lost = [] if copied else [(4, "lost")]
+        if done and [(gone.id, gone.label) for gone in done.gone] != lost:
             raise RoundError(f"gone are {done.gone}")
+        if copied:  # also where a repair that was killed had done its work
+            self.store.remove("lost")
         left = {file.name for file in self.home.iterdir() if file.name.startswith(".repair-")}
         if done and left:
             raise RoundError(f"left behind: {left}")

@@ -20,7 +20,7 @@ import numpy as np
 
 import actioncli.store.archive
 import actioncli.store.record
-from actioncli.clips.clip import Clip
+from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import StoreError
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.store import database
@@ -188,9 +188,16 @@ class Worker:
     def classify(self) -> None:
         """What a query needs: every action's embeddings, computed where there are none."""
         self.begin("classify", self.copied())
-        found = self.store.embeddings("w", lambda clips: clips[0].joints[None, :, :, 0])
-        mine = {label: len(rows) for label, rows in found.items() if self.owns(label)}
-        assert mine == {label: len(held) for label, held in self.state.items()}, mine
+        snapshot = self.store.snapshot("w")
+        found: dict[str, list[FloatArray]] = {}
+        for example in snapshot.examples:
+            if self.owns(example.label) and not example.negative:
+                embedding = snapshot.embeddings.get(example.id)
+                if embedding is None:
+                    embedding = snapshot.clips[example.id].joints[:, :, 0]
+                found.setdefault(example.label, []).append(embedding)
+        counts = {label: len(rows) for label, rows in found.items()}
+        assert counts == {label: len(held) for label, held in self.state.items()}, counts
         for label, held in self.state.items():
             for row, number in zip(found[label], held, strict=True):
                 assert np.array_equal(row, make_clip(number, self.task.frames).joints[:, :, 0])

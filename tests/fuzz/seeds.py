@@ -78,7 +78,7 @@ def main() -> None:
         keep_threshold(store, Threshold(0.4, "a" * 64, {"wave": 0.3}))
         store.export(Path(folder, "export"))
         (CORPUS / "archive/seed-threshold").write_bytes(Path(folder, "export").read_bytes())
-        store.embeddings("a" * 64, lambda clips: np.ones((len(clips), 1, 2), np.float32))
+        store.keep_embeddings("a" * 64, {1: np.ones((1, 2), np.float32)})
         with closing(sqlite3.connect(store.path)) as database:
             # Small pages make a small file.
             database.execute("PRAGMA page_size = 512")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from clips.bodies import waving
 
-from actioncli import Clip, Recognizer, StoreError, SupportStore
+from actioncli import Clip, Recognizer, StoreError, SupportSet, SupportStore
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.store.record import seal
 
@@ -66,7 +66,7 @@ def test_a_schema_that_no_release_made_is_refused(kept: SupportStore, what: str)
         kept.examples,
         kept.support,
         kept.negatives,
-        lambda: kept.embeddings(recognizer.weights.checksum, recognizer.embed),
+        lambda: SupportSet.load(kept, recognizer),
         lambda: kept.enroll("trap", moving(3)),
         lambda: kept.remove("wave"),
         lambda: kept.rename("wave", "hello"),
@@ -106,7 +106,7 @@ def test_a_label_that_nobody_could_enrol_goes_nowhere(kept: SupportStore, label:
     for use in (
         kept.actions,
         kept.examples,
-        lambda: kept.embeddings(recognizer.weights.checksum, recognizer.embed),
+        lambda: SupportSet.load(kept, recognizer),
     ):
         with pytest.raises(StoreError, match="label") as error:
             use()

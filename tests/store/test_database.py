@@ -10,7 +10,6 @@ import shutil
 import signal
 import sqlite3
 import subprocess
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -18,9 +17,8 @@ import numpy as np
 import pytest
 from storing import as_ordinary_user, fork, give_away, make_clip, same, succeeded
 
-from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import ActionCliError, StoreError
-from actioncli.store import cache, database
+from actioncli.store import database
 from actioncli.store.database import reading, writing
 from actioncli.store.store import SupportStore
 
@@ -33,10 +31,6 @@ def fill(store: SupportStore) -> StoreError:
         except StoreError as error:
             return error
     raise AssertionError("the disk was never full")
-
-
-def embed(clips: Sequence[Clip]) -> FloatArray:
-    return np.stack([clip.joints[:4, :, 0] for clip in clips])
 
 
 def test_reading_creates_nothing(store: SupportStore) -> None:
@@ -62,11 +56,10 @@ def test_a_block_that_raises_is_undone(store: SupportStore) -> None:
 def test_a_locked_store_is_told(store: SupportStore, monkeypatch: pytest.MonkeyPatch) -> None:
     store.enroll("wave", make_clip(0))
     monkeypatch.setattr(database, "PATIENCE", 0.05)
-    monkeypatch.setattr(cache, "_PATIENCE", 0.05)
     with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         assert len(store.actions()) == 1  # who only reads does not mind
-        assert "wave" in store.embeddings("w", embed)
+        assert len(store.snapshot("w").clips) == 1
         with pytest.raises(StoreError, match="locked by another program"):
             store.enroll("wave", make_clip(1))
         other.execute("ROLLBACK")
@@ -121,7 +114,11 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
         assert store.check() == []
         with pytest.raises(StoreError, match="No space left"):
             store.export(disk / "out.safetensors")
-        assert {file.name for file in disk.iterdir()} == {"support.db", "ballast"}
+        assert {file.name for file in disk.iterdir()} == {
+            "support.db",
+            "support.db.backup",
+            "ballast",
+        }
         ballast.unlink()
         store.remove("fill", store.examples()[0].id)
         store.enroll("fill", make_clip(5000, frames=10))
@@ -162,7 +159,7 @@ def test_damage_is_told_and_never_believed(store: SupportStore, tmp_path: Path) 
     """Flip bits anywhere: it is told, or what is read is what was enrolled."""
     clips = {f"action {seed}": make_clip(seed, 40, confidence=seed % 2 == 0) for seed in range(8)}
     store.enroll_all(clips.items())
-    store.embeddings("w", embed)
+    store.keep_embeddings("w", {1: np.ones((2, 3), np.float32)})
     whole = store.path.read_bytes()
     damaged = SupportStore(tmp_path / "damaged.db")
     out = tmp_path / "out.safetensors"
@@ -170,13 +167,14 @@ def test_damage_is_told_and_never_believed(store: SupportStore, tmp_path: Path) 
         damaged.actions,
         damaged.examples,
         damaged.negatives,
+        lambda: damaged.snapshot("w"),
         lambda: damaged.clip(1),
         lambda: damaged.export(out),
         lambda: damaged.setting("tau"),
     )
     writers = (
         lambda: damaged.enroll("action 0", make_clip(0)),
-        lambda: damaged.embeddings("w", embed),
+        lambda: damaged.keep_embeddings("w", {1: np.ones((2, 3), np.float32)}),
         lambda: damaged.remove("action 1"),
     )
     generator = random.Random(0)

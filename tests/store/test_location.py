@@ -60,7 +60,8 @@ def test_only_the_owner_can_read(tmp_path: Path) -> None:
     assert succeeded(fork(enrol))
     assert mode(path.parent) == 0o700
     assert mode(path) == 0o600
-    assert [file.name for file in path.parent.iterdir()] == ["support.db"]
+    assert {file.name for file in path.parent.iterdir()} == {"support.db", "support.db.backup"}
+    assert mode(path.with_name("support.db.backup")) == 0o600
 
 
 def test_a_strict_umask_does_not_lock_the_owner_out(tmp_path: Path) -> None:
@@ -103,7 +104,8 @@ def test_odd_names_are_names(tmp_path: Path) -> None:
     for name in ("with space", "ünï çödé 挥手", "a?mode=memory#x%41", "'quote'", "new\nline"):
         store = SupportStore(tmp_path / name / f"{name}.db")
         store.enroll("wave", make_clip(0))
-        assert [file.name for file in store.path.parent.iterdir()] == [f"{name}.db"]
+        names = {file.name for file in store.path.parent.iterdir()}
+        assert names == {f"{name}.db", f"{name}.db.backup"}
         assert len(store.actions()) == 1
 
 

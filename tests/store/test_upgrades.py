@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from storing import as_ordinary_user, give_away
 
-from actioncli import Recognizer, SupportStore, read_clip
+from actioncli import Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.errors import StoreError
 from actioncli.recognition.threshold import Threshold, kept_threshold
 from actioncli.store.migrations import MIGRATIONS
@@ -67,7 +67,7 @@ def test_every_schema_is_here() -> None:
         lambda store: store.rename("wave", "wink"),
         lambda store: store.set_setting("other", "1"),
         lambda store: store.export(store.path.with_name("out.safetensors")),
-        lambda store: store.embeddings("w", lambda clips: clips[0].joints[None, :8, :, 0]),
+        lambda store: store.snapshot("w"),
     ],
 )
 def test_whatever_is_done_first_brings_it_up_to_date(
@@ -94,7 +94,7 @@ def test_decisions_are_those_of_the_recordings(old: tuple[SupportStore, Told]) -
     store, _ = old
     recognizer = Recognizer()
     assert isinstance(kept_threshold(store), Threshold)
-    by_store = store.embeddings(recognizer.weights.checksum, recognizer.embed)
+    by_store = SupportSet.load(store, recognizer).actions
     support = store.support()
     queries = [read_clip(EXAMPLES / f"{name}.npz") for name in ("squat/cleo", "bow/ben")]
     for query in queries:

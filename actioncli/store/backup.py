@@ -1,0 +1,155 @@
+"""A verified copy of the store beside it, `support.db.backup`, which follows what is committed.
+
+A commit is followed by a copy at once where the last one is older than a minute, else when the
+process ends. What is removed from the store is removed from the copy before that is committed:
+it must not stay anywhere.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+from actioncli.errors import StoreError
+from actioncli.store.database import connected, writing
+from actioncli.store.health import damage
+from actioncli.store.location import beside, exists, sync_folder
+
+# Seconds; a copy of ten thousand examples takes some.
+_EVERY = 60.0
+
+# Stores whose copy waits for the end of the process.
+_waiting: set[Path] = set()
+
+
+def backup_path(path: Path) -> Path:
+    """Where the copy of a store lies."""
+    return beside(path, ".backup")
+
+
+def _part(path: Path) -> Path:
+    """The copy while it is written; the store's write lock keeps others from it."""
+    return beside(path, ".backup.part")
+
+
+@contextmanager
+def changing(path: Path, erases: bool = False) -> Iterator[sqlite3.Connection]:
+    """A write transaction as `database.writing` has it, which the copy follows.
+
+    A copy that cannot be made is no error: what was committed stands.
+
+    Args:
+        erases: examples are taken away.
+
+    Raises:
+        StoreError: as `writing`, or the copy cannot be deleted.
+    """
+    with writing(path) as db:
+        before = db.total_changes
+        yield db
+        changed = db.total_changes > before
+        if erases and changed:
+            _prune(path, db)
+    if not changed:
+        return
+    copy, age = backup_path(path), _EVERY
+    # What others laid there is none.
+    with suppress(OSError):
+        age = _EVERY if copy.is_symlink() else time.time() - copy.stat().st_mtime
+    if not 0 <= age < _EVERY:
+        _waiting.discard(path)
+        make_backup(path)
+    else:
+        if not _waiting:
+            atexit.register(finish_backups)
+        _waiting.add(path)
+
+
+def finish_backups() -> None:
+    """Make the copies that wait."""
+    while _waiting:
+        make_backup(_waiting.pop())
+
+
+def make_backup(path: Path) -> bool:
+    """Copy the store, look at every example of the copy, and put it in the last one's place.
+
+    Returns:
+        Whether there is a copy of the store as it is now. The last one stays where the store is
+        damaged, or the disk is full.
+    """
+    part = _part(path)
+    try:
+        if not exists(path):
+            return False
+        # Nobody else writes meanwhile, neither the store nor the copy. A connection that may write
+        # cannot be copied from.
+        with connected(path) as alone, connected(path) as db:
+            alone.execute("BEGIN IMMEDIATE")
+            try:
+                part.unlink(missing_ok=True)
+                flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+                os.close(os.open(part, flags, 0o600))
+                with closing(sqlite3.connect(part)) as copy:
+                    # An unfinished copy is of no use to anybody: no journal, one sync.
+                    copy.execute("PRAGMA journal_mode = OFF")
+                    copy.execute("PRAGMA synchronous = OFF")
+                    db.backup(copy)
+                if damage(part):
+                    return False
+                with part.open("rb+") as file:
+                    os.fsync(file.fileno())
+                part.replace(backup_path(path))
+            finally:
+                part.unlink(missing_ok=True)
+        sync_folder(path.parent)
+    except (StoreError, OSError, sqlite3.Error):
+        return False
+    return True
+
+
+def _prune(path: Path, db: sqlite3.Connection) -> None:
+    """Take out of the copy what the open transaction takes out of the store.
+
+    Raises:
+        StoreError: it can neither be changed nor deleted.
+    """
+    copy = backup_path(path)
+    left = {number for (number,) in db.execute("SELECT id FROM examples")}
+    try:
+        _part(path).unlink(missing_ok=True)
+        if not copy.is_file() or copy.is_symlink():
+            return
+        try:
+            with connected(copy) as spare:
+                # A journal would hold what is removed.
+                spare.execute("PRAGMA journal_mode = MEMORY")
+                spare.execute("BEGIN IMMEDIATE")
+                copied = spare.execute("SELECT id FROM examples").fetchall()
+                gone = [row for row in copied if row[0] not in left]
+                spare.executemany("DELETE FROM examples WHERE id = ?", gone)
+                spare.execute("COMMIT")
+        except StoreError:  # it is damaged
+            copy.unlink()
+    except OSError as error:
+        raise StoreError(
+            f"{copy}: this copy would keep what is removed, and cannot be deleted: "
+            f"{error.strerror}. Nothing was removed."
+        ) from error
+
+
+def backup_flaw(path: Path) -> str | None:
+    """What is wrong with the copy of a store that is there; None where it is as it should be."""
+    copy = backup_path(path)
+    with suppress(FileNotFoundError):
+        if copy.stat().st_mtime < path.stat().st_mtime:
+            return f"{copy} is older than the support set; the next change renews it"
+        if damage(copy):
+            return f"{copy} is damaged; the next change renews it"
+        return None
+    return f"there is no {copy}; the next change makes it"
