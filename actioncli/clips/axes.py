@@ -3,8 +3,7 @@
 Both are inferred from the body where a file does not state them: the unit from the length of the
 limbs, since metres, centimetres and millimetres lie a factor of ten apart and people do not; the
 up axis from the posture, since the head stands above the ankles along it. Turning the up axis to
-y is a rotation, never a reflection, so that left stays left; the heading that remains free needs
-no answer.
+y is a rotation, never a reflection, so that left stays left; the heading remains free.
 """
 
 from __future__ import annotations
@@ -50,8 +49,8 @@ _BONES[("pelv", "neck")] = 0.50
 _SIZES = (0.3, 2.5)
 
 # The share of frames that settles the up axis, and the cosine between it and the line from
-# ankles to head. Of 7,773 recorded clips with y up, 99.6 % are told so, one wrongly (a swimmer);
-# the others, who sit, lie or crawl, are asked about. With z up, it is 95 %.
+# ankles to head. Of 7,773 recorded clips with y up, 99.6 % are settled so, one wrongly (a swimmer);
+# for the others, who sit, lie or crawl, --up is needed. With z up, it is 95 %.
 _MOST_FRAMES = 0.6
 _USUAL_UPS = ("y", "-y", "z")
 _UPRIGHT = 0.7

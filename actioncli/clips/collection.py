@@ -36,7 +36,7 @@ class Collection:
     Attributes:
         clips: N clips.
         labels: N action classes.
-        subjects: N performers; "" where the source does not tell.
+        subjects: N performers; "" where the source has no names for them.
         name: of the collection.
         notes: what reading decided (clips skipped), for people.
     """
@@ -69,7 +69,7 @@ def read_collection(path: str | os.PathLike[str]) -> Collection:
     Args:
         path: an `.npz` with `joints_mm` (sum of lengths, J, 3) in millimetres and the axes of
             `Clip`, `lengths` (N,), `labels` (N,), `subjects` (N,), `joint_names` (J,) and
-            `fps`, and where it is known `visibility` (sum of lengths, J) in percent; joints at
+            `fps`, and optional `visibility` (sum of lengths, J) in percent; joints at
             -32768 were not found. Or a folder with a folder of clips for each label.
 
     Raises:
@@ -112,13 +112,10 @@ def _from_archive(file: Path) -> Collection:
         raise ClipError(f"{file}: cannot be read: {error}.") from error
     joints, names, fps, lengths = _checked(arrays, file)
     ends = np.cumsum(lengths)
-    labels, subjects = arrays["labels"].tolist(), arrays["subjects"].tolist()
-    known = sorted({at for columns in default_columns(names).values() for at in columns})
-    gaps: BoolArray = np.logical_or.reduce(missing_joints(joints[:, known]), axis=1)
-    kept: list[int] = []
-    clips: list[Clip] = []
-    unusable = 0
-    for clip, (end, length) in enumerate(zip(ends.tolist(), lengths.tolist(), strict=True)):
+    needed = sorted({at for columns in default_columns(names).values() for at in columns})
+    gaps: BoolArray = np.logical_or.reduce(missing_joints(joints[:, needed]), axis=1)
+    kept: dict[int, Clip] = {}
+    for at, (end, length) in enumerate(zip(ends.tolist(), lengths.tolist(), strict=True)):
         frames = slice(end - length, end)
         positions = joints[frames].astype(np.float32) * _METRES
         confidence = None
@@ -126,27 +123,22 @@ def _from_archive(file: Path) -> Collection:
             confidence = np.asarray(arrays["visibility"][frames] / 100, np.float32)
             lost = np.any(joints[frames] == _NOT_FOUND, axis=2)
             positions[lost], confidence[lost] = 0, 0
-        where = f"{file} (clip {clip + 1})"
+        where = f"{file} (clip {at + 1})"
         try:
             if gaps[frames].any():
                 positions, _, confidence, _ = fill_gaps(positions, names, fps, where, confidence)
             if positions.shape[1] != len(names):
                 raise ClipError(f"{where}: joints are mostly missing.")
-            clips.append(Clip(positions, names, fps, confidence, source=where))
-            kept.append(clip)
+            kept[at] = Clip(positions, names, fps, confidence, source=where)
         except ClipError:
             # Still, empty or mostly gap: of no use for training, and no fault of the file.
-            unusable += 1
-    if not clips:
+            continue
+    if not kept:
         raise ClipError(f"{file}: none of its {len(lengths)} clips moves.")
+    labels, subjects = (tuple(arrays[key][[*kept]].tolist()) for key in ("labels", "subjects"))
+    unusable = len(lengths) - len(kept)
     notes = (f"{unusable} of {len(lengths)} clips skipped (still or mostly gap)",)
-    return Collection(
-        tuple(clips),
-        tuple(str(labels[at]) for at in kept),
-        tuple(str(subjects[at]) for at in kept),
-        file.stem,
-        notes if unusable else (),
-    )
+    return Collection(tuple(kept.values()), labels, subjects, file.stem, notes if unusable else ())
 
 
 def _checked(
@@ -180,7 +172,9 @@ def _checked(
         raise ClipError(f"{file}: joint_names holds a name twice.")
     visibility = arrays.get("visibility")
     if visibility is not None and not (
-        visibility.shape == joints.shape[:2] and np.all((visibility >= 0) & (visibility <= 100))
+        visibility.shape == joints.shape[:2]
+        and visibility.dtype.kind in "iuf"
+        and np.all((visibility >= 0) & (visibility <= 100))
     ):
         raise ClipError(
             f"{file}: visibility must be percent (frames, joints) = {joints.shape[:2]}."

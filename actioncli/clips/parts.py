@@ -135,7 +135,8 @@ def _without_unseen(
         at = [_JOINT[name] for name in names]
         none: BoolArray = np.any(unseen[:, at], axis=1)
         if none.mean() <= 0.5:
-            body[:, at], lost[:, at] = _pair(_interpolated(body[:, at], none, fps))
+            body[:, at], gone = _interpolated(body[:, at], none, fps)
+            lost[:, at] = gone[:, None]
         elif names[0] == "lhip":
             left, right = body[:, _JOINT["lsho"]], body[:, _JOINT["rsho"]]
             across = (left - right) / 4
@@ -157,10 +158,6 @@ def _without_unseen(
             else:
                 body[:, joint], lost[:, joint] = body[:, before] + down, True
     return body, lost
-
-
-def _pair(filled: tuple[FloatArray, BoolArray]) -> tuple[FloatArray, BoolArray]:
-    return filled[0], filled[1][:, None]
 
 
 def _interpolated(joints: FloatArray, none: BoolArray, fps: float) -> tuple[FloatArray, BoolArray]:

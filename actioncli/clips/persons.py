@@ -64,9 +64,9 @@ def activity(positions: FloatArray, missing: BoolArray) -> float:
     times the share of frames in which the joint is seen. (T, J, 3), (T, J) to a length."""
     seen = np.logical_not(missing)
     count = np.maximum(seen.sum(axis=0), 1)[:, None]
-    known = np.where(seen[..., None], positions, 0).astype(np.float64)
-    mean = known.sum(axis=0) / count
-    variance = (np.where(seen[..., None], known - mean, 0) ** 2).sum(axis=0) / count
+    places = np.where(seen[..., None], positions, 0).astype(np.float64)
+    mean = places.sum(axis=0) / count
+    variance = (np.where(seen[..., None], places - mean, 0) ** 2).sum(axis=0) / count
     return float((np.sqrt(variance.sum(axis=1)) * seen.mean(axis=0)).mean())
 
 
@@ -81,11 +81,11 @@ def _follow(positions: FloatArray, missing: BoolArray) -> NDArray[np.intp]:
     there = np.logical_not(missing)
     seen: BoolArray = np.logical_or.reduce(there, axis=2)
     weight = there[..., None] / np.maximum(there.sum(axis=2), 1)[..., None, None]
-    known = np.where(missing[..., None], 0, positions).astype(np.float64)
-    centre = (known * weight).sum(axis=2)
+    places = np.where(missing[..., None], 0, positions).astype(np.float64)
+    centre = (places * weight).sum(axis=2)
     if not seen.any():
         return order
-    spread = np.linalg.norm(known - centre[:, :, None], axis=-1)
+    spread = np.linalg.norm(places - centre[:, :, None], axis=-1)
     # From the middle of a body to its joints it is a quarter of its height.
     reach = 2 * float(np.median(spread[there]))
     jumps = np.linalg.norm(np.diff(centre, axis=0), axis=2) > reach
@@ -95,10 +95,8 @@ def _follow(positions: FloatArray, missing: BoolArray) -> NDArray[np.intp]:
     for frame in range(frames):
         here = np.flatnonzero(seen[frame])
         distance = np.linalg.norm(last[:, None] - centre[frame][None], axis=2)
-        own = distance[here, here]
-        if (own > reach).any() or (
-            np.isnan(own) & np.isfinite(distance[:, here]).any(axis=0)
-        ).any():
+        own, near = distance[here, here], np.isfinite(distance[:, here]).any(axis=0)
+        if ((own > reach) | (np.isnan(own) & near)).any():
             order[frame] = _assign(distance, here, reach)
         for who in range(people):
             if seen[frame, order[frame, who]]:
@@ -122,11 +120,11 @@ def _assign(
             free.discard(column)
     rest = [column for column in range(people) if column not in order]
     # Who was not met before takes the new bodies, best that of their own column.
-    waiting = [who for who in range(people) if order[who] < 0]
-    waiting.sort(key=lambda who: bool(np.isfinite(distance[who]).any()))
-    for who in waiting:
+    waiting = np.flatnonzero(order < 0).tolist()
+    for who in sorted(waiting, key=lambda who: bool(np.isfinite(distance[who]).any())):
         offered = [column for column in rest if column in free] or rest
-        order[who] = who if who in offered else offered[0]
-        rest.remove(int(order[who]))
-        free.discard(int(order[who]))
+        column = who if who in offered else offered[0]
+        order[who] = column
+        rest.remove(column)
+        free.discard(column)
     return order

@@ -23,16 +23,11 @@ from actioncli.errors import AmbiguousClipError, ClipError, UsageError
 
 # Suffix to the module of `actioncli.clips.formats` that reads it.
 _FORMATS = {
-    ".npy": "npy",
-    ".npz": "npz",
-    ".json": "json_file",
-    ".csv": "csv_file",
-    ".skeleton": "ntu",
-    ".trc": "trc",
-    ".bvh": "bvh",
-}
+    ".npy": "npy", ".npz": "npz", ".json": "json_file", ".csv": "csv_file", ".skeleton": "ntu",
+    ".trc": "trc", ".bvh": "bvh",
+}  # fmt: skip
 CLIP_SUFFIXES = tuple(_FORMATS)
-# How the content begins where it tells the format for certain.
+# How the content begins where that settles the format.
 _BEGINNINGS = {
     b"\x93NUMPY": "npy",
     b"PK\x03\x04": "npz",
@@ -96,7 +91,7 @@ def walk_clips(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Iterato
     here = Path(path)
     try:
         is_folder, exists = here.is_dir(), here.exists()
-    except OSError:  # too long for a file's name: reading it tells that
+    except OSError:  # too long for a file's name: reading it gives that error
         is_folder, exists = False, True
     if is_folder:
         yield from _clips_below(here, suffixes)
@@ -154,8 +149,8 @@ def _read(file: Path) -> Recording:
             f"{file}: {suffix or 'no suffix'} is not a clip format; supported: "
             f"{', '.join(CLIP_SUFFIXES)}."
         )
-    told = next((kind for mark, kind in _BEGINNINGS.items() if beginning.startswith(mark)), None)
-    kind = told or _FORMATS[suffix]
+    certain = (kind for mark, kind in _BEGINNINGS.items() if beginning.startswith(mark))
+    kind = next(certain, _FORMATS[suffix])
     reader = importlib.import_module(f"actioncli.clips.formats.{kind}")
     try:
         recording: Recording = reader.read(file)
@@ -170,7 +165,7 @@ def _read(file: Path) -> Recording:
 
 
 def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
-    """From what the file holds to a clip, in the order in which one answer needs another."""
+    """From what the file holds to a clip, in the order in which one decision needs another."""
     frames, _, joints, _ = recording.positions.shape
     if recording.positions.size > LARGEST_CLIP or frames > LONGEST_CLIP or joints > MOST_JOINTS:
         raise ClipError(
@@ -182,29 +177,29 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
         raise ClipError(f"{where}: a clip needs at least 2 frames, this has {frames}.")
     names, notes = _joint_names(recording, where)
     recording = most_active(replace(recording, notes=recording.notes + notes), where)
-    told = list(recording.notes)
+    decided = list(recording.notes)
     fps = recording.fps
     if fps is None:
         fps = _USUAL_FPS
-        told.append(f"frame rate not stated: {fps:g} assumed (--fps)")
+        decided.append(f"frame rate not stated: {fps:g} assumed (--fps)")
     elif not LEAST_FPS <= fps <= MOST_FPS:
         raise ClipError(f"{where}: states {fps:g} frames per second; give --fps.")
     confidence = None if recording.confidence is None else recording.confidence[:, 0]
     positions, names, confidence, gaps = fill_gaps(
         recording.positions[:, 0], names, fps, where, confidence, recording.zeros_are_gaps
     )
-    told.extend(gaps)
+    decided.extend(gaps)
 
     size = axes.body_size(positions, names)
     if recording.unit is None:
         unit = axes.infer_unit(size, where)
         metres = axes.UNITS[unit]
-        told.append(f"unit inferred from the size of the body: {unit} (--unit)")
+        decided.append(f"unit inferred from the size of the body: {unit} (--unit)")
     else:
         metres = _stated_unit(recording.unit, size, unit_is_certain, where)
     if recording.up is None:
         up = axes.infer_up(positions, names, metres, recording.rest_up, where)
-        told.append(f"up axis inferred from the posture: {up} (--up)")
+        decided.append(f"up axis inferred from the posture: {up} (--up)")
     else:
         up = axes.parse_up(recording.up) or ""
         if not up:
@@ -213,7 +208,7 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
                 f"{', '.join(axes.UPS)}; give --up."
             )
     canonical = axes.to_canonical(positions, metres, up)
-    return Clip(canonical, names, fps, confidence, source=where, notes=told)
+    return Clip(canonical, names, fps, confidence, source=where, notes=decided)
 
 
 def _joint_names(recording: Recording, where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -248,9 +243,9 @@ def _joint_names(recording: Recording, where: str) -> tuple[tuple[str, ...], tup
             f"{where}: its {joints} joints are not named, and {len(fitting)} layouts have that "
             f"many; give --layout {' or '.join(fitting)}."
         )
-    known = ", ".join(f"{name} ({len(columns)})" for name, columns in LAYOUTS.items())
+    counts = ", ".join(f"{name} ({len(columns)})" for name, columns in LAYOUTS.items())
     raise ClipError(
-        f"{where}: its {joints} joints are not named, and no layout has that many: {known}. "
+        f"{where}: its {joints} joints are not named, and no layout has that many: {counts}. "
         "Save joint names beside the positions (.npz or .json with joint_names)."
     )
 

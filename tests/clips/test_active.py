@@ -35,28 +35,22 @@ def pattern(*parts: tuple[float, int]) -> np.ndarray:
     return np.concatenate([np.full(int(seconds * 20), on) for seconds, on in parts])
 
 
-def test_rest_before_and_after_is_left_out() -> None:
-    start, end = active_part(clip_of(pattern((2, 0), (3, 1), (2, 0))))
-    assert start == pytest.approx(2, abs=0.35)
-    assert end == pytest.approx(5, abs=0.35)
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        ([(2, 0), (3, 1), (2, 0)], (2, 5)),  # rest before and after is left out
+        ([(1, 0), (2, 1), (1, 0), (2, 1), (1, 0)], (1, 6)),  # a short rest inside belongs
+        ([(1, 1), (4, 0), (3, 1), (1, 0)], (5, 8)),  # the longer of two performances
+    ],
+)
+def test_the_active_part(parts: list[tuple[float, int]], expected: tuple[float, float]) -> None:
+    assert active_part(clip_of(pattern(*parts))) == pytest.approx(expected, abs=0.35)
 
 
 def test_motion_throughout_and_none_at_all_are_whole() -> None:
     for moving in (1, 0):
         clip = clip_of(pattern((4, moving)))
         assert active_part(clip) == (0, clip.duration)
-
-
-def test_short_rest_inside_belongs() -> None:
-    start, end = active_part(clip_of(pattern((1, 0), (2, 1), (1, 0), (2, 1), (1, 0))))
-    assert start < 1.1
-    assert end > 5.9
-
-
-def test_the_longer_of_two_performances() -> None:
-    start, end = active_part(clip_of(pattern((1, 1), (4, 0), (3, 1), (1, 0))))
-    assert start == pytest.approx(5, abs=0.35)
-    assert end == pytest.approx(8, abs=0.35)
 
 
 def test_nothing_goes_across_a_loss() -> None:
@@ -100,14 +94,6 @@ def test_repetitions_are_counted() -> None:
     start, end, count = action_in(repeated(2, 5))
     assert count == 5
     assert end - start == pytest.approx(2, abs=0.1)
-
-
-def test_a_part_knows_when_it_begins() -> None:
-    clip = clip_of(np.ones(100))
-    part = cut(clip, 1, 3)
-    assert part.start == 1
-    assert part.duration == pytest.approx(2)
-    assert cut(part, 0.5, 1).start == pytest.approx(1.5)
 
 
 @given(

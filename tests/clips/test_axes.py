@@ -48,9 +48,7 @@ def test_the_named_axis_points_up(up: str) -> None:
     file_up = np.zeros((1, 3), np.float32)
     file_up[0, "xyz".index(up[-1])] = -1 if up.startswith("-") else 1
     np.testing.assert_array_equal(axes.to_canonical(file_up, 1.0, up), [[0, 1, 0]])
-
-
-def test_camera_axes_keep_the_distance() -> None:
+    # Camera axes, (right, down, away), keep the distance.
     right_down_away = np.array([[1, 2, 3]], np.float32)
     np.testing.assert_array_equal(axes.to_canonical(right_down_away, 1.0, "-y"), [[-1, -2, 3]])
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,11 +21,15 @@ def body(frames: int = 40) -> np.ndarray:
     return waving(frames).astype(np.float32)
 
 
+def fill(positions: np.ndarray, fps: float = 30, **options: Any) -> Any:
+    return fill_gaps(positions, DEFAULT_JOINTS, fps, "clip", **options)
+
+
 @pytest.mark.parametrize("gap", [np.nan, 0.0, np.inf])
 def test_a_short_gap_becomes_a_straight_line(gap: float) -> None:
     holed = body()
     holed[10:13, WRIST] = gap
-    filled, names, _, notes = fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+    filled, names, _, notes = fill(holed)
     expected = np.linspace(holed[9, WRIST], holed[13, WRIST], 5)[1:-1]
     np.testing.assert_allclose(filled[10:13, WRIST], expected, atol=1e-6)
     np.testing.assert_array_equal(
@@ -36,7 +42,7 @@ def test_a_short_gap_becomes_a_straight_line(gap: float) -> None:
 def test_a_coordinate_of_zero_is_no_gap() -> None:
     planar = body()
     planar[:, :, 2] = 0
-    filled, *_, notes = fill_gaps(planar, DEFAULT_JOINTS, 30, "clip")
+    filled, *_, notes = fill(planar)
     assert filled is planar
     assert notes == ()
 
@@ -45,7 +51,7 @@ def test_ends_are_held_and_empty_frames_dropped() -> None:
     holed = body()
     holed[:3, WRIST] = np.nan
     holed[35:] = 0
-    filled, *_, notes = fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+    filled, *_, notes = fill(holed)
     assert len(filled) == 35
     np.testing.assert_array_equal(filled[:3, WRIST], np.repeat(holed[3:4, WRIST], 3, axis=0))
     assert notes[0] == "5 empty frames at the ends dropped"
@@ -54,9 +60,7 @@ def test_ends_are_held_and_empty_frames_dropped() -> None:
 def test_confidence_is_zero_where_a_gap_was_filled() -> None:
     holed = body()
     holed[5, WRIST] = np.nan
-    _, _, confidence, _ = fill_gaps(
-        holed, DEFAULT_JOINTS, 30, "clip", np.full((40, 15), 0.5, np.float32)
-    )
+    _, _, confidence, _ = fill(holed, confidence=np.full((40, 15), 0.5, np.float32))
     assert confidence is not None
     assert confidence[5, WRIST] == 0
     assert (np.delete(confidence, 5, 0) == 0.5).all()
@@ -66,16 +70,16 @@ def test_mostly_gap_is_refused_with_figures() -> None:
     holed = body()
     holed[np.arange(40) % 5 > 1] = np.nan
     with pytest.raises(ClipError, match=r"clip: mostly gap: 60% .* 40 frames"):
-        fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+        fill(holed)
     with pytest.raises(ClipError, match="100%"):
-        fill_gaps(np.zeros_like(holed), DEFAULT_JOINTS, 30, "clip")
+        fill(np.zeros_like(holed))
 
 
 def test_a_joint_that_is_mostly_missing_is_named() -> None:
     holed = body()
     holed[:30, WRIST] = 0
     with pytest.raises(ClipError, match="rwri in 75%"):
-        fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
+        fill(holed)
 
 
 def test_a_joint_that_no_model_needs_is_dropped() -> None:
@@ -91,7 +95,7 @@ def test_a_joint_that_no_model_needs_is_dropped() -> None:
 def test_the_pelvis_of_a_centred_clip_stays() -> None:
     centred = body() - CENTRE.astype(np.float32)
     centred -= centred[:, :1]
-    filled, names, _, notes = fill_gaps(centred, DEFAULT_JOINTS, 30, "clip")
+    filled, names, _, notes = fill(centred)
     np.testing.assert_array_equal(filled, centred)
     assert (names, notes) == (DEFAULT_JOINTS, ())
 
@@ -100,14 +104,14 @@ def test_a_long_absence_is_refused() -> None:
     holed = body(120)
     holed[40:72] = np.nan
     with pytest.raises(ClipError, match=r"out of sight for 32 frames \(1.1 s\) after frame 40"):
-        fill_gaps(holed, DEFAULT_JOINTS, 30, "clip")
-    fill_gaps(holed, DEFAULT_JOINTS, 60, "clip")
+        fill(holed)
+    fill(holed, fps=60)
 
 
 def test_zeros_may_be_positions() -> None:
     holed = body()
     holed[3, WRIST] = 0
-    filled, *_ = fill_gaps(holed, DEFAULT_JOINTS, 30, "clip", zeros_are_gaps=False)
+    filled, *_ = fill(holed, zeros_are_gaps=False)
     assert (filled[3, WRIST] == 0).all()
 
 
@@ -119,7 +123,7 @@ def test_what_comes_out_is_finite(positions: np.ndarray, holes: list[tuple[int, 
     for frame, joint in holes:
         positions[frame, joint] = 0
     try:
-        filled, names, _, _ = fill_gaps(positions, DEFAULT_JOINTS, 30, "clip")
+        filled, names, _, _ = fill(positions)
     except ClipError:
         return
     assert np.isfinite(filled).all()

@@ -30,11 +30,6 @@ def test_the_one_who_moves_is_taken_and_told() -> None:
     assert chosen.notes[0].startswith("2 people in the file: took person 2, who moves most")
 
 
-def test_names_of_people_are_used() -> None:
-    recording = Recording(people(standing(), waving()).positions, people=("body 7", "body 9"))
-    assert "took body 9" in most_active(recording, "clip").notes[0]
-
-
 def test_people_in_changing_columns_are_followed() -> None:
     one, other = waving(), standing()
     swapped = np.arange(40) % 3 == 0
@@ -77,11 +72,13 @@ def test_somebody_who_comes_later_takes_nobodys_place() -> None:
     np.testing.assert_array_equal(chosen.positions[:, 0], one[10:].astype(np.float32))
 
 
-def test_confidence_follows_the_person() -> None:
-    recording = people(standing(), waving())
+def test_confidence_and_name_follow_the_person() -> None:
+    positions = people(standing(), waving()).positions
     confidence = np.stack([np.full((40, 15), 0.25), np.full((40, 15), 0.75)], axis=1)
-    chosen = most_active(
-        Recording(recording.positions, confidence=confidence.astype(np.float32)), "clip"
+    recording = Recording(
+        positions, confidence=confidence.astype(np.float32), people=("body 7", "body 9")
     )
+    chosen = most_active(recording, "clip")
+    assert "took body 9" in chosen.notes[0]
     assert chosen.confidence is not None
     assert (chosen.confidence == 0.75).all()

@@ -34,17 +34,10 @@ def test_reads_back(tmp_path: Path, clip: Clip, kind: str) -> None:
     if kind != "trc":
         assert back.confidence is not None
         np.testing.assert_allclose(back.confidence, clip.confidence, atol=1e-4)
-
-
-@pytest.mark.parametrize("kind", ["npz", "json"])
-def test_nothing_is_left_to_infer(tmp_path: Path, clip: Clip, kind: str) -> None:
-    write_clip(tmp_path / f"wave.{kind}", clip)
-    assert read_clip(tmp_path / f"wave.{kind}").notes == ()
-
-
-def test_npz_keeps_every_bit(tmp_path: Path, clip: Clip) -> None:
-    write_clip(tmp_path / "wave.npz", clip)
-    np.testing.assert_array_equal(read_clip(tmp_path / "wave.npz").joints, clip.joints)
+    if kind in ("npz", "json"):  # nothing is left to infer
+        assert read_clip(tmp_path / f"wave.{kind}").notes == ()
+    if kind == "npz":
+        np.testing.assert_array_equal(back.joints, clip.joints)
 
 
 @given(st.floats(1, 240))

@@ -43,7 +43,7 @@ def main(words: list[str]) -> None:
                 reader.read(file)
             except ActionCliError as error:
                 if not str(error):
-                    raise AssertionError("an error that tells people nothing") from error
+                    raise AssertionError("an error without a message") from error
 
         def mutate(data: bytes, max_size: int) -> bytes:
             # Looked up late: atheris exchanges the function when it starts.

@@ -137,9 +137,9 @@ def _unpack_archive(content: bytes) -> Parts:
     length = int.from_bytes(content[:8], "little")
     header = json.loads(content[8 : 8 + length])
     try:
-        told = header["__metadata__"]
-        settings = told.get("settings", "{}").encode()
-        return [told["examples"].encode(), content[8 + length :], settings]
+        metadata = header["__metadata__"]
+        settings = metadata.get("settings", "{}").encode()
+        return [metadata["examples"].encode(), content[8 + length :], settings]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError from error
 
@@ -151,18 +151,16 @@ def _pack_archive(parts: Parts) -> bytes:
         at, entries = 0, []
         for fields in manifest:
             joints = fields["frames"] * len(fields["joint_names"]) * 12
-            seen = joints // 3 if fields["confidence"] else 0
-            end = at + joints + seen
+            end = at + joints + (joints // 3 if fields["confidence"] else 0)
             fields["checksum"] = _content_checksum(
                 fields["fps"],
                 tuple(fields["joint_names"]),
                 tensors[at : at + joints],
-                tensors[at + joints : end] if seen else None,
+                tensors[at + joints : end] or None,
             )
-            known = {name: value for name, value in fields.items() if name != "confidence"}
-            entries.append(
-                archive.Entry(Record(**known, joints=b"", confidence=None), fields["confidence"])
-            )
+            seen = fields.pop("confidence")
+            record = Record(**fields, joints=b"", confidence=None)
+            entries.append(archive.Entry(record, seen))
             at = end
         header = archive._header(entries, settings)
     except (KeyError, TypeError, AttributeError, OverflowError, MemoryError) as error:
@@ -175,8 +173,8 @@ def _unpack_weights(content: bytes) -> Parts:
     length = int.from_bytes(content[:8], "little")
     header = json.loads(content[8 : 8 + length])
     try:
-        told = header.pop("__metadata__")
-        return [told["config"].encode(), told["metadata"].encode(), json.dumps(header).encode()]
+        held = header.pop("__metadata__")
+        return [held["config"].encode(), held["metadata"].encode(), json.dumps(header).encode()]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError from error
 
@@ -188,8 +186,8 @@ def _pack_weights(parts: Parts) -> bytes:
     kinds = {"F32": "<f4", "F16": "<f2", "F64": "<f8", "I64": "<i8", "BOOL": "?"}
     try:
         tensors = {
-            name: np.zeros([min(size, 2**10) for size in told["shape"][:3]], kinds[told["dtype"]])
-            for name, told in header.items()
+            name: np.zeros([min(size, 2**10) for size in entry["shape"][:3]], kinds[entry["dtype"]])
+            for name, entry in header.items()
         }
         header["__metadata__"] = {
             "format": weights.FORMAT,
@@ -209,7 +207,7 @@ def _with_zeros(content: bytes) -> bytes:
     length = int.from_bytes(content[:8], "little")
     try:
         header = json.loads(content[8 : 8 + length])
-        end = max(told["data_offsets"][1] for told in header.values() if "data_offsets" in told)
+        end = max(entry["data_offsets"][1] for entry in header.values() if "data_offsets" in entry)
         return content.ljust(8 + min(length, len(content)) + min(end, 2**20), b"\0")
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError, IndexError):
         return content

@@ -32,9 +32,8 @@ def test_the_corpus_is_read_or_refused(name: str, tmp_path: Path) -> None:
             reader.read(copy)
             read += 1
         except ActionCliError as error:
-            told = str(error)
-            if str(copy) not in told:
-                pytest.fail(f"{file.name}: an error that does not name the file: {told}")
+            if str(copy) not in str(error):
+                pytest.fail(f"{file.name}: an error that does not name the file: {error}")
     # A corpus of which nothing can be read would test little.
     assert read
 

@@ -84,7 +84,7 @@ def read(file: Path) -> Recording:
     """Joint positions from a table.
 
     The columns are separated by comma, semicolon (with decimal commas too) or tab. A column
-    `time` gives the frame rate, one of `person` tells several people apart, `lsho_visibility`
+    `time` gives the frame rate, one of `person` separates several people, `lsho_visibility`
     and the like give the confidence. Empty cells are gaps.
 
     Raises:
@@ -176,7 +176,7 @@ def _by_person(
 
 
 def _rate(times: list[float], unit: float) -> float | None:
-    """Frames per second from the times of frames, where they tell."""
+    """Frames per second from the times of frames, where they give one."""
     if len(times) < 2:
         return None
     step = float(np.median(np.diff(np.asarray(times)))) * unit

@@ -68,7 +68,7 @@ def read_arrays(
             for name, info in chosen.items():
                 if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                     raise ClipError(f"{file}: is compressed in a way that numpy.savez never uses.")
-                # The library answers each read by many calls of its own: headers are small reads.
+                # Each read costs many calls within the library: headers are small reads.
                 member = cast("io.RawIOBase", archive.open(info))
                 with io.BufferedReader(member, _AT_ONCE) as stream:
                     where = f"{file} ({info.filename})"
