@@ -11,7 +11,7 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.options import FileReading, WeightsOption
 from actioncli.cli.output import plural, printable, progress, say, table, write_json
-from actioncli.cli.reading import read_each, report_bad_clip
+from actioncli.cli.reading import read_each, usable
 from actioncli.errors import ClipError, UsageError
 from actioncli.pose.read import ReadOptions, find_any
 
@@ -129,12 +129,8 @@ def calibrate(
     if found.measured:
         use = "not kept" if dry_run else "kept, classify uses it unless --tau is given"
         outcome = f"tau {found.tau:g}{own}: {use}"
-    document = {
-        **found.to_json(),
-        "kept": found.measured and not dry_run,
-        "weights": checksum,
-        "failed": failed,
-    }
+    ending = {"kept": found.measured and not dry_run, "weights": checksum, "failed": failed}
+    document = {**found.to_json(), **ending}
     if report is not None:
         from actioncli.report.calibration import write_calibration
 
@@ -171,16 +167,13 @@ def _read(
 
     embeddings = [recognizer.embed([])]
     failed = 0
-    for path, clip in read_each(find_any(paths), options, shown=not settings.quiet):
-        try:
-            if isinstance(clip, ClipError):
-                raise clip
-            embeddings.append(recognizer.embed([clip]))
-        except ClipError as unusable:
+    given = read_each(find_any(paths), options, shown=not settings.quiet)
+    for path, clip in usable(given, recognizer):
+        if isinstance(clip, dict):
             failed += 1
-            report_bad_clip(path, unusable)
         else:
             tell_notes(settings, path, clip.notes)
+            embeddings.append(recognizer.embed([clip]))
     return np.concatenate(embeddings), failed
 
 

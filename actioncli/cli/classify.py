@@ -132,16 +132,10 @@ def classify(
             tell_notes(settings, path, decision.notes)
             _print(str(path), decision, 0 if settings.quiet else top, milliseconds)
     if settings.json:
-        write_json(
-            {
-                "tau": support.threshold.tau,
-                "actions": len(support.actions),
-                "clips": entries,
-                "accepted": len(entries) - rejected - failed,
-                "rejected": rejected,
-                "failed": failed,
-            }
-        )
+        enrolled = {"tau": support.threshold.tau, "actions": len(support.actions)}
+        accepted = len(entries) - rejected - failed
+        counts = {"accepted": accepted, "rejected": rejected, "failed": failed}
+        write_json({**enrolled, "clips": entries, **counts})
     if failed:
         raise typer.Exit(ClipError.exit_code)
     if rejected:

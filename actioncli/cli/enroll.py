@@ -12,7 +12,7 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
 from actioncli.cli.options import ClipReading, WeightsOption, complete_label
 from actioncli.cli.output import plural, printable, say, write_json
-from actioncli.cli.reading import read_each, report_bad_clip
+from actioncli.cli.reading import read_each, usable
 from actioncli.errors import ClipError, UsageError, WeightsError
 from actioncli.pose.read import ReadOptions, find_any
 from actioncli.store.names import NEGATIVES
@@ -95,25 +95,17 @@ def enroll(
         raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
     label = NEGATIVES if negative else check_label(label)
     recognizer = _recognizer(settings, weights)
-    outcomes: list[tuple[Path, Clip | ClipError]] = []
-    for path, clip in _given(settings, paths or [], options, camera, seconds):
-        outcome = clip
-        try:
-            if recognizer is not None and not isinstance(clip, ClipError):
-                # A clip that the model cannot use would fail every later classification.
-                recognizer.embed([clip])
-        except ClipError as error:
-            outcome = error
-        outcomes.append((path, outcome))
-    usable = [clip for _, clip in outcomes if not isinstance(clip, ClipError)]
+    # A clip that the model cannot use would fail every later classification.
+    outcomes = list(usable(_given(settings, paths or [], options, camera, seconds), recognizer))
+    clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
     with settings.open_store() as store:
-        enrolled = enrol(store, recognizer, label, usable, note, negative)
+        enrolled = enrol(store, recognizer, label, clips_read, note, negative)
 
     entries: list[dict[str, object]] = []
     remaining = iter(enrolled)
     for path, clip in outcomes:
-        if isinstance(clip, ClipError):
-            entries.append(report_bad_clip(path, clip))
+        if isinstance(clip, dict):
+            entries.append(clip)
             continue
         one = next(remaining)
         described = {"frames": len(clip), "seconds": clip.duration, "notes": list(clip.notes)}
@@ -127,19 +119,11 @@ def enroll(
             )
         for line in one.warnings:
             settings.tell(f"warning: {printable(path)}: {printable(line)}")
-    failed = len(outcomes) - len(usable)
+    failed = len(outcomes) - len(enrolled)
     if settings.json:
         added = sum(one.added for one in enrolled)
-        write_json(
-            {
-                "label": label,
-                "negative": negative,
-                "clips": entries,
-                "added": added,
-                "known": len(enrolled) - added,
-                "failed": failed,
-            }
-        )
+        counts = {"added": added, "known": len(enrolled) - added, "failed": failed}
+        write_json({"label": label, "negative": negative, "clips": entries, **counts})
     if failed:
         raise typer.Exit(ClipError.exit_code)
 

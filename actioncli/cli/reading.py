@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from actioncli.pose.read import ReadOptions, is_video, read_any
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
+    from actioncli.recognition.recognizer import Recognizer
 
 # Videos that are read at the same time: one in 4K takes up to half a gigabyte.
 _MOST_VIDEOS = 8
@@ -68,6 +69,23 @@ def read_each(
     with closing(outcomes):
         for path in progress(paths, "Reading", shown=shown and not own):
             yield path, next(outcomes)
+
+
+def usable(
+    clips: Iterable[tuple[Path, Clip | ClipError]], recognizer: Recognizer | None
+) -> Iterator[tuple[Path, Clip | dict[str, object]]]:
+    """The clips that a recogniser can use; each other one is reported, and comes as its entry in
+    JSON."""
+    for path, clip in clips:
+        try:
+            if isinstance(clip, ClipError):
+                raise clip
+            if recognizer is not None:
+                recognizer.embed([clip])
+        except ClipError as error:
+            yield path, report_bad_clip(path, error)
+        else:
+            yield path, clip
 
 
 def report_bad_clip(path: Path, error: ClipError) -> dict[str, object]:
