@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actioncli import Recognizer, SupportError, read_clip
+from actioncli import Recognizer, read_clip
 from actioncli.calibration.threshold import recommend
 from actioncli.calibration.trials import KINDS, KNOWN, Rate, run_trials
 from actioncli.clips.clip import FloatArray
@@ -154,12 +154,6 @@ def test_an_example_may_be_nearer_to_another_action_than_to_the_rest_of_its_own(
     trials = run_trials(recognizer, {"mixed": mixed, "squat": folders["squat"][1:]}, none, none)
     assert trials.nearest[trials.kind == KNOWN][1] == 1
     assert trials.misnamed(0).count >= 1
-
-
-def test_nothing_enrolled(recognizer: Recognizer) -> None:
-    none = recognizer.embed([])
-    with pytest.raises(SupportError, match=r"^the support set is empty; enrol an action first\.$"):
-        run_trials(recognizer, {}, none, none)
 
 
 def test_progress_counts_every_example(

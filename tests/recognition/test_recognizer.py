@@ -60,18 +60,6 @@ def test_the_ranking_is_the_comparison_nearest_first(
     assert sum(place.probability for place in ranking) == pytest.approx(1, abs=1e-6)
 
 
-def test_embeddings_decide_like_their_clips(
-    recognizer: Recognizer, clips: dict[str, Clip], support: dict[str, list[Clip]]
-) -> None:
-    query = clips["wave_right/cleo"]
-    embedded = {label: recognizer.embed(each) for label, each in support.items()}
-    of_clips = recognizer.classify(query, support)
-    of_arrays = recognizer.classify(recognizer.embed([query])[0], embedded)
-    assert of_arrays.label == of_clips.label
-    assert of_arrays.confidence == pytest.approx(of_clips.confidence, abs=1e-6)
-    assert of_arrays.notes == ()
-
-
 def test_without_actions_or_examples_there_is_no_decision(recognizer: Recognizer) -> None:
     none = recognizer.embed([])
     with pytest.raises(SupportError, match=r"^the support set is empty; enrol an action first\.$"):

@@ -126,18 +126,6 @@ def test_windows_lie_within_the_clip_and_leave_nothing_out(
         assert last == pytest.approx(clip.start + clip.duration, abs=step)
 
 
-def test_windows_without_motion_are_left_out() -> None:
-    clip = idle(QUERIES["squat"], 20, 0)
-    found = list(windows(clip, DURATIONS))
-    assert 0 < len(found) < most_windows(clip, DURATIONS)
-    assert min(window.start for window in found) > 10
-
-
-def test_more_windows_more_odds() -> None:
-    assert odds_factor(0) == odds_factor(1) == 1
-    assert 1 < odds_factor(10) < odds_factor(100) < 100
-
-
 def test_an_action_between_two_others_is_found_where_it_is() -> None:
     clip = joined(KICK, QUERIES["wave_right"], BOW)
     as_a_whole = RECOGNIZER.classify(clip, SUPPORT, durations=())
