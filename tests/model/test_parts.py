@@ -10,7 +10,7 @@ import pytest
 from actioncli import Clip, Recognizer, WeightsError, read_clip
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.parts import PARTS, PartFrames, prepare_parts
-from actioncli.model import parts, parts_compare
+from actioncli.model import parts
 from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import Weights, read_weights, write_weights
 from actioncli.recognition.explanation import explain
@@ -116,19 +116,13 @@ def test_the_recognizer_reads_and_compares(recognizer: Recognizer, clips: list[C
     np.testing.assert_allclose(found.confidence, 1 / (1 + np.exp(-best)), atol=1e-5)
     np.testing.assert_allclose(found.distance, np.exp(-best), rtol=1e-4)
     np.testing.assert_allclose(found.probability.sum(axis=1), 1, atol=1e-5)
+    # Many pairs are compared in blocks.
+    many = recognizer.compare(np.tile(embedding, (10, 1, 1)), support)
+    np.testing.assert_allclose(many.distance, np.tile(found.distance, (10, 1)), rtol=1e-4)
     decision = recognizer.classify(clips[0], {"one": [clips[0]], "two": clips[1:3]})
     assert [each.label for each in decision.ranking] == sorted(
         support, key=lambda label: found.distance[0, list(support).index(label)]
     )
-
-
-def test_many_pairs_are_compared_in_blocks(recognizer: Recognizer, clips: list[Clip]) -> None:
-    embedding = np.tile(recognizer.embed(clips), (20, 1, 1))
-    distance, logit = parts_compare.scores(
-        recognizer.weights.tensors, CONFIG, embedding, [embedding[:3], embedding[3:]]
-    )
-    assert distance.shape == logit.shape == (80, 2)
-    np.testing.assert_allclose(logit, np.tile(logit[:4], (20, 1)), atol=1e-5)
 
 
 def test_other_configurations_are_refused(recognizer: Recognizer, clips: list[Clip]) -> None:
