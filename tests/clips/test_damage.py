@@ -6,35 +6,18 @@ time and memory is tested in `tests/security/test_files.py`.
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from cases import cases
+from fuzz.readers import CORPUS, READERS, Reader
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actioncli.clips.collection import read_collection
-from actioncli.clips.read import CLIP_SUFFIXES, read_clip
-from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 from actioncli.errors import ClipError
 
-from .bodies import (
-    kinect_v2,
-    waving,
-    write_bvh,
-    write_csv,
-    write_json,
-    write_npy,
-    write_npz,
-    write_ntu,
-    write_trc,
-)
-
-BODY = waving(5).round(3)
+FORMATS = ("npy", "npz", "json", "csv", "ntu", "trc", "bvh")
 DAMAGE = settings(max_examples=cases(200), deadline=5000)
 # What breaks parsers that believe what they read.
 TOKENS = [
@@ -46,42 +29,16 @@ PIECES = st.sampled_from(TOKENS) | st.binary(max_size=8)
 
 
 @pytest.fixture(scope="module")
-def folder() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory() as name:
-        yield Path(name)
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("damage")
 
 
-class Intact(dict[str, bytes]):
-    """File contents by suffix, too long to print."""
-
-    def __repr__(self) -> str:
-        return "intact"
-
-
-@pytest.fixture(scope="module")
-def intact(folder: Path) -> Intact:
-    """A valid small file of each format."""
-    seen = np.ones((5, 15)).tolist()
-    ntu = [[("1", frame), ("2", frame)] for frame in kinect_v2(BODY)]
-    files = [
-        write_npy(folder / "a.npy", waving(5, LAYOUTS["smpl_24"]).astype(np.float32)),
-        write_npz(folder / "a.npz", np.stack([BODY, BODY], axis=1), fps=30.0, unit="m", up="y"),
-        write_json(folder / "a.json", BODY, fps=30, unit="m", up="y", confidence=seen),
-        write_csv(folder / "a.csv", BODY),
-        write_ntu(folder / "a.skeleton", ntu),
-        write_trc(folder / "a.trc", BODY),
-        write_bvh(folder / "a.bvh", BODY),
-    ]
-    for file in files:
-        read_clip(file)
-    return Intact((file.suffix, file.read_bytes()) for file in files)
-
-
-def check(read: Callable[..., object], file: Path, content: bytes, **options: Any) -> None:
+def check(reader: Reader, folder: Path, content: bytes) -> None:
     """Reading gives something or the documented error, which names the file."""
+    file = folder / f"a{reader.suffix}"
     file.write_bytes(content)
     try:
-        read(file, **options)
+        reader.read(file)
     except ClipError as error:
         message = str(error)
         assert str(file) in message, message
@@ -116,31 +73,28 @@ def damages(draw: st.DrawFn) -> Callable[[bytes], bytes]:
     return damaged
 
 
-@pytest.mark.parametrize("suffix", CLIP_SUFFIXES)
+@pytest.mark.parametrize("name", [*FORMATS, "collection"])
 @DAMAGE
-@given(damage=damages(), settled=st.booleans())
-def test_damaged_clips(
-    folder: Path, intact: Intact, suffix: str, damage: Callable[[bytes], bytes], settled: bool
-) -> None:
-    options = {"unit": "m", "up": "y"} if settled else {}
-    check(read_clip, folder / f"b{suffix}", damage(intact[suffix]), **options)
+@given(damage=damages())
+def test_damaged_files(folder: Path, name: str, damage: Callable[[bytes], bytes]) -> None:
+    check(READERS[name], folder, damage((CORPUS / name / "seed").read_bytes()))
 
 
-@pytest.mark.parametrize("suffix", CLIP_SUFFIXES)
+@pytest.mark.parametrize("name", FORMATS)
 @DAMAGE
 @given(content=st.binary(max_size=200))
-def test_random_bytes(folder: Path, suffix: str, content: bytes) -> None:
-    check(read_clip, folder / f"b{suffix}", content)
+def test_random_bytes(folder: Path, name: str, content: bytes) -> None:
+    check(READERS[name], folder, content)
 
 
 HEADERS = {
-    ".npy": [b"\x93NUMPY\x01\x00\x76\x00", b"\x93NUMPY\x01\x00\x10\x00{'descr': "],
-    ".npz": [b"PK\x03\x04"],
-    ".json": [b'{"joints": [[[', b'{"frames": [{"joints": ', b'[{"lsho": ['],
-    ".csv": [b"lsho_x,lsho_y,lsho_z\n", b"time,id,x0;y0;z0\n"],
-    ".skeleton": [b"2\n1\n", b"3\n1\n7 0 0\n25\n"],
-    ".trc": [b"PathFileType\t4\nDataRate\tUnits\n30\tmm\nFrame#\tTime\ta\tb\n"],
-    ".bvh": [
+    "npy": [b"\x93NUMPY\x01\x00\x76\x00", b"\x93NUMPY\x01\x00\x10\x00{'descr': "],
+    "npz": [b"PK\x03\x04"],
+    "json": [b'{"joints": [[[', b'{"frames": [{"joints": ', b'[{"lsho": ['],
+    "csv": [b"lsho_x,lsho_y,lsho_z\n", b"time,id,x0;y0;z0\n"],
+    "ntu": [b"2\n1\n", b"3\n1\n7 0 0\n25\n"],
+    "trc": [b"PathFileType\t4\nDataRate\tUnits\n30\tmm\nFrame#\tTime\ta\tb\n"],
+    "bvh": [
         b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n",
         b"HIERARCHY\nROOT a\n{\nCHANNELS 1 Xposition\n}\nMOTION\nFrames: 2\nFrame Time: 0.1\n",
     ],
@@ -151,22 +105,9 @@ WORDS = st.lists(
 ).map(" ".join)
 
 
-@pytest.mark.parametrize("suffix", CLIP_SUFFIXES)
+@pytest.mark.parametrize("name", FORMATS)
 @DAMAGE
 @given(data=st.data(), text=WORDS)
-def test_a_header_and_nonsense(folder: Path, suffix: str, data: st.DataObject, text: str) -> None:
-    header = data.draw(st.sampled_from(HEADERS[suffix]))
-    check(read_clip, folder / f"b{suffix}", header + text.encode("utf-8", "surrogatepass"))
-
-
-@DAMAGE
-@given(damage=damages())
-def test_damaged_collections(folder: Path, damage: Callable[[bytes], bytes]) -> None:
-    intact = folder / "collection.npz"
-    if not intact.exists():
-        np.savez(
-            intact, joints_mm=(1000 * np.concatenate([BODY, BODY])).astype(np.int16),
-            lengths=np.array([5, 5]), labels=np.array(["a", "b"]), subjects=np.array(["s", "s"]),
-            joint_names=np.array(DEFAULT_JOINTS), fps=np.float32(30),
-        )  # fmt: skip
-    check(read_collection, folder / "damaged.npz", damage(intact.read_bytes()))
+def test_a_header_and_nonsense(folder: Path, name: str, data: st.DataObject, text: str) -> None:
+    header = data.draw(st.sampled_from(HEADERS[name]))
+    check(READERS[name], folder, header + text.encode("utf-8", "surrogatepass"))

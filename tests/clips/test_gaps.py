@@ -66,19 +66,18 @@ def test_confidence_is_zero_where_a_gap_was_filled() -> None:
     assert (np.delete(confidence, 5, 0) == 0.5).all()
 
 
-def test_mostly_gap_is_refused_with_figures() -> None:
+@pytest.mark.parametrize(
+    ("frames", "joints", "message"),
+    [
+        (np.arange(40) % 5 > 1, slice(None), r"clip: mostly gap: 60% .* 40 frames"),
+        (slice(None), slice(None), "100%"),
+        (slice(30), WRIST, "rwri in 75%"),
+    ],
+)
+def test_mostly_gap_is_refused_with_figures(frames: Any, joints: Any, message: str) -> None:
     holed = body()
-    holed[np.arange(40) % 5 > 1] = np.nan
-    with pytest.raises(ClipError, match=r"clip: mostly gap: 60% .* 40 frames"):
-        fill(holed)
-    with pytest.raises(ClipError, match="100%"):
-        fill(np.zeros_like(holed))
-
-
-def test_a_joint_that_is_mostly_missing_is_named() -> None:
-    holed = body()
-    holed[:30, WRIST] = 0
-    with pytest.raises(ClipError, match="rwri in 75%"):
+    holed[frames, joints] = 0
+    with pytest.raises(ClipError, match=message):
         fill(holed)
 
 

@@ -13,26 +13,17 @@ from actioncli.clips.prepare import Preparation, prepare, prepare_all, prepared_
 from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, mirrored_columns
 from actioncli.errors import ClipError
 
+from . import bodies
+
 PAPER = Preparation()
 FULL = Preparation(size="standard", heading=True, motion=0.5)
 AT = {name: column for column, name in enumerate(DEFAULT_JOINTS)}
 
 
 def waving(frames: int = 40, seed: int = 0) -> FloatArray:
-    """A person who faces the sensor, left at smaller x, and waves with the right hand."""
-    rest = {
-        "pelv": (0, 1, 2), "lhip": (-0.1, 1, 2), "rhip": (0.1, 1, 2),
-        "lkne": (-0.1, 0.55, 2), "rkne": (0.1, 0.55, 2), "lank": (-0.1, 0.1, 2),
-        "rank": (0.1, 0.1, 2), "neck": (0, 1.5, 2), "head": (0, 1.72, 2),
-        "lsho": (-0.2, 1.5, 2), "rsho": (0.2, 1.5, 2), "lelb": (-0.3, 1.2, 2),
-        "relb": (0.45, 1.55, 2), "lwri": (-0.3, 0.95, 2), "rwri": (0.5, 1.8, 2),
-    }  # fmt: skip
-    joints = np.tile(np.array([rest[name] for name in DEFAULT_JOINTS]), (frames, 1, 1))
-    phase = np.linspace(0, 2 * np.pi, frames)
-    joints[:, AT["rwri"], 0] += 0.15 * np.sin(2 * phase)
-    joints[:, AT["relb"], 0] += 0.03 * np.sin(2 * phase)
-    jitter = np.random.default_rng(seed).normal(0, 0.002, joints.shape)
-    return np.asarray(joints + jitter, np.float32)
+    """A person who faces the sensor, left at smaller x, and waves with the left hand."""
+    jitter = np.random.default_rng(seed).normal(0, 0.002, (frames, 15, 3))
+    return np.asarray(bodies.waving(frames) + jitter, np.float32)
 
 
 def prepared(joints: FloatArray, preparation: Preparation = FULL) -> FloatArray:
@@ -137,9 +128,9 @@ def test_prepared_at_tells_which_frames_were_taken(motion: float) -> None:
     at = prepared_at(clip, wanted)
     assert (at[0], at[-1]) == (0, pytest.approx(39))
     assert (np.diff(at) > 0).all()
-    hand = clip.joints[:, AT["rwri"]] - clip.joints[:, AT["pelv"]]
+    hand = clip.joints[:, AT["lwri"]] - clip.joints[:, AT["pelv"]]
     taken = np.stack([np.interp(at, np.arange(40), hand[:, axis]) for axis in range(3)], axis=1)
-    np.testing.assert_allclose(prepare(clip, wanted)[:, AT["rwri"]], taken, atol=0.01)
+    np.testing.assert_allclose(prepare(clip, wanted)[:, AT["lwri"]], taken, atol=0.01)
 
 
 @pytest.mark.parametrize("preparation", [PAPER, Preparation(size="torso"), FULL])

@@ -113,11 +113,8 @@ def _weights(file: Path) -> object:
 def _unpack_zip(content: bytes) -> Parts:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as file:
-            return [
-                part
-                for info in file.infolist()
-                for part in (info.filename.encode(), file.read(info))
-            ]
+            members = [(info.filename.encode(), file.read(info)) for info in file.infolist()]
+            return [part for member in members for part in member]
     # Whatever the library makes of a broken archive.
     except Exception as error:
         raise ValueError from error
@@ -133,13 +130,18 @@ def _pack_zip(parts: Parts) -> bytes:
     return buffer.getvalue()
 
 
+def _header(content: bytes) -> tuple[Any, bytes]:
+    """The JSON at the beginning of a safetensors file, and what follows it."""
+    end = 8 + int.from_bytes(content[:8], "little")
+    return json.loads(content[8:end]), content[end:]
+
+
 def _unpack_archive(content: bytes) -> Parts:
-    length = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + length])
+    header, tensors = _header(content)
     try:
         metadata = header["__metadata__"]
         settings = metadata.get("settings", "{}").encode()
-        return [metadata["examples"].encode(), content[8 + length :], settings]
+        return [metadata["examples"].encode(), tensors, settings]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError from error
 
@@ -170,8 +172,7 @@ def _pack_archive(parts: Parts) -> bytes:
 
 
 def _unpack_weights(content: bytes) -> Parts:
-    length = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + length])
+    header, _ = _header(content)
     try:
         held = header.pop("__metadata__")
         return [held["config"].encode(), held["metadata"].encode(), json.dumps(header).encode()]
@@ -204,11 +205,10 @@ def _pack_weights(parts: Parts) -> bytes:
 
 def _with_zeros(content: bytes) -> bytes:
     """Weights whose tensors were left out, for they are long, with zeros in their place."""
-    length = int.from_bytes(content[:8], "little")
     try:
-        header = json.loads(content[8 : 8 + length])
+        header, rest = _header(content)
         end = max(entry["data_offsets"][1] for entry in header.values() if "data_offsets" in entry)
-        return content.ljust(8 + min(length, len(content)) + min(end, 2**20), b"\0")
+        return content.ljust(len(content) - len(rest) + min(end, 2**20), b"\0")
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError, IndexError):
         return content
 

@@ -66,6 +66,7 @@ def main() -> None:
         file, joints_mm=(1000 * np.concatenate([BODY, BODY])).astype(np.int16),
         lengths=np.array([3, 3]), labels=np.array(["a", "b"]), subjects=np.array(["s", "s"]),
         joint_names=np.array(DEFAULT_JOINTS), fps=np.float32(30),
+        visibility=np.full((6, 15), 90, np.uint8),
     ))  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         store = SupportStore(Path(folder, "support.db"))

@@ -58,15 +58,10 @@ def test_fuzzing_finds_nothing(name: str, tmp_path: Path) -> None:
     folder = KEPT if "FUZZ_SECONDS" in os.environ else tmp_path
     found = folder / name
     found.mkdir(parents=True, exist_ok=True)
+    harness = str(Path(__file__).parent / "harness.py")
+    options = [f"-max_total_time={SECONDS}", f"-artifact_prefix={folder}/{name}-"]
     run = subprocess.run(
-        [
-            sys.executable,
-            str(Path(__file__).parent / "harness.py"),
-            name,
-            str(found),
-            f"-max_total_time={SECONDS}",
-            f"-artifact_prefix={folder}/{name}-",
-        ],
+        [sys.executable, harness, name, str(found), *options],
         capture_output=True,
         text=True,
         errors="replace",
