@@ -1,16 +1,10 @@
 """Count the stops of one clip on its way through `actioncli classify`, from command to decision.
 
-A function of the package counts once, however often it is called between the command and the
-decision. Properties, lambdas, comprehensions and constructors do not count. Two figures are
-printed:
-
-*called*: all of these functions, what loads the weights and the support set included.
-
-*chain*: those that hand the clip on. They take its path, recording, clip or comparison, or from
-another file its frames or embeddings, and return the next of these forms, or call a function
-that does. The layers inside the two calls of a network, `embed` and `scores`, are none.
-
-    python tools/count_stops.py [CLIP]
+A function of the package counts once, however often it is called until the decision is there;
+properties, lambdas, comprehensions and constructors do not. *called* are all of these functions,
+what loads weights and support set included. *chain* are those that hand the clip on: they take
+its path, recording, clip or comparison, or from another file its frames or embeddings, and return
+the next of these forms, or call a function that does. The layers of a network are none.
 """
 
 import sys
@@ -28,48 +22,41 @@ from actioncli.cli.app import app
 from actioncli.clips.recording import Recording
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-CLIP = Path(sys.argv[1]) if len(sys.argv) > 1 else EXAMPLES / "wave_right/cleo.npz"
+CLIP = EXAMPLES / "wave_right/cleo.npz"
 FIRST, LAST = ("actioncli.cli.classify", "classify"), ("actioncli.recognition.decision", "decide")
-# Functions in the order of their first call, and whether they hand the clip on.
-stops: dict[tuple[str, str], bool] = {}
-arrays: list[Any] = []
+stops: dict[tuple[str, str], bool] = {}  # functions as they are called: whether they hand it on
 carriers: dict[FrameType, tuple[str, str]] = {}
+arrays: list[Any] = []
 
 
-def forms(value: Any, arrays_from: int) -> list[Any]:
+def forms(value: Any, dimensions: int) -> list[Any]:
     """The forms of the clip that a value is or holds; arrays from so many dimensions on."""
     if isinstance(value, Mapping | list | tuple):
         inside = value.values() if isinstance(value, Mapping) else value
-        return [form for each in inside for form in forms(each, arrays_from)]
+        return [form for each in inside for form in forms(each, dimensions)]
     typed = isinstance(value, Recording | Clip | Comparison | Decision)
-    path = isinstance(value, Path) and value == CLIP
-    return [value] * (
-        typed or path or (isinstance(value, np.ndarray) and value.ndim >= arrays_from)
-    )
+    array = isinstance(value, np.ndarray) and value.ndim >= dimensions
+    return [value] * (typed or array or (isinstance(value, Path) and value == CLIP))
 
 
 def watch(frame: FrameType, event: str, value: Any) -> None:
     """See `sys.setprofile`."""
     code, module = frame.f_code, frame.f_globals.get("__name__", "")
-    function = module, code.co_qualname
     caller = frame.f_back.f_globals.get("__name__", "") if frame.f_back else ""
-    if not module.startswith("actioncli.") or not (stops or function == FIRST) or stops.get(LAST):
-        return
-    layer = all(name.startswith("actioncli.model.") for name in (module, caller))
-    of = type(frame.f_locals.get("self"))
-    if layer or code.co_name[0] == "<" or isinstance(getattr(of, code.co_name, None), property):
+    function, of = (module, code.co_qualname), type(frame.f_locals.get("self"))
+    outside = not module.startswith("actioncli.") or not (stops or function == FIRST)
+    layer = module.startswith("actioncli.model.") and caller.startswith("actioncli.model.")
+    unnamed = code.co_name[0] == "<" or isinstance(getattr(of, code.co_name, None), property)
+    if outside or layer or unnamed or stops.get(LAST):
         return
     if event == "call":
         stops.setdefault(function, False)
-        given = forms(list(frame.f_locals.values()), arrays_from=3 if module != caller else 99)
-        if any(
-            not isinstance(one, np.ndarray) or any(one is each for each in arrays) for one in given
-        ):
+        given = forms(list(frame.f_locals.values()), 99 if module == caller else 3)
+        if any(not isinstance(one, np.ndarray) or id(one) in map(id, arrays) for one in given):
             carriers[frame] = function
-    elif event == "return" and frame in carriers:
-        made = forms(value, arrays_from=2)
-        arrays.extend(made)
-        above: FrameType | None = frame if made else None
+    elif event == "return" and frame in carriers and forms(value, 2):
+        arrays.extend(forms(value, 2))
+        above: FrameType | None = frame
         while above is not None:
             if above in carriers:
                 stops[carriers[above]] = True
