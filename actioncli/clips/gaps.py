@@ -125,10 +125,9 @@ def _check_mostly_there(
             f"{where}: mostly gap: {share:.0%} of the joint positions are missing (NaN or "
             f"zero) over {len(missing)} frames; record the action again."
         )
-    lost = {names[column]: missing[:, column].mean() for column in needed}
-    lost = {name: share for name, share in lost.items() if share > _MOST_MISSING}
-    if lost:
-        figures = ", ".join(f"{name} in {share:.0%}" for name, share in lost.items())
+    lost = {column: missing[:, column].mean() for column in needed}
+    figures = ", ".join(f"{names[at]} in {lost[at]:.0%}" for at in lost if lost[at] > _MOST_MISSING)
+    if figures:
         raise ClipError(
             f"{where}: joints are missing in most of the {len(missing)} frames: {figures}; "
             "record the action again with the whole body in view."

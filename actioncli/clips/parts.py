@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.prepare import Preparation, sample_places
+from actioncli.clips.prepare import Preparation, frames_at, sample_places
 from actioncli.clips.skeleton import (
     BONES,
     DEFAULT_JOINTS,
@@ -76,13 +76,10 @@ def prepare_parts(clips: Sequence[Clip], preparation: Preparation) -> PartFrames
         joints = turn_to_front(joints, DEFAULT_JOINTS)
         body = standard_body(joints[:, : len(DEFAULT_JOINTS)], DEFAULT_JOINTS)
         at = sample_places(body, n, preparation.motion)
-        before = np.minimum(at.astype(int), len(clip) - 2)
-        share = (at - before).astype(np.float32)[:, None, None]
-        body = body[before] * (1 - share) + body[before + 1] * share
+        body = frames_at(body, at)
         prepared.bones[row] = unit(body[:, _CHILDREN] - body[:, _PARENTS])
         prepared.missing[row] = missing[np.round(at).astype(int)]
-        hands = joints[:, len(DEFAULT_JOINTS) :]
-        hands = hands[before] * (1 - share) + hands[before + 1] * share
+        hands = frames_at(joints[:, len(DEFAULT_JOINTS) :], at)
         for side in (0, 1):
             seen = ~prepared.missing[row, :, 5 + side]
             hand = hands[seen, 21 * side : 21 * side + 21]

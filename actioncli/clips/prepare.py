@@ -111,16 +111,13 @@ def _posed(clips: Sequence[Clip], preparation: Preparation) -> tuple[FloatArray,
 
 
 def sample(joints: FloatArray, frames: int, motion: float = 0.0) -> FloatArray:
-    """`frames` frames from first to last at `sample_places`, linear between neighbours.
+    """(T, J, 3) to `frames` frames (frames, J, 3) from first to last at `sample_places`."""
+    return frames_at(joints, sample_places(joints, frames, motion))
 
-    Args:
-        joints: (T, J, 3).
 
-    Returns:
-        (frames, J, 3).
-    """
-    lengths = np.array([len(joints)])
-    return _between(joints, _places(joints, lengths, frames, motion), lengths)
+def frames_at(joints: FloatArray, places: NDArray[np.float64]) -> FloatArray:
+    """The frames (F, J, 3) of one clip (T, J, 3) at places (F,), linear between neighbours."""
+    return _between(joints, places[None], np.array([len(joints)]))
 
 
 def sample_places(joints: FloatArray, frames: int, motion: float = 0.0) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import json
@@ -76,7 +77,7 @@ def _write_json(stream: IO[bytes], clip: Clip) -> None:
 
 
 def _write_csv(stream: IO[bytes], clip: Clip) -> None:
-    lines = _Text(stream)
+    lines = _text(stream)
     table = csv.writer(lines, lineterminator="\n")
     header = [f"{name}_{axis} (m)" for name in clip.joint_names for axis in "xyz"]
     if clip.confidence is not None:
@@ -90,7 +91,7 @@ def _write_csv(stream: IO[bytes], clip: Clip) -> None:
 def _write_trc(stream: IO[bytes], clip: Clip) -> None:
     frames, joints, _ = clip.joints.shape
     rate = f"{clip.fps:g}"
-    lines = _Text(stream)
+    lines = _text(stream)
     lines.write(f"PathFileType\t4\t(X/Y/Z)\t{Path(clip.source).stem}.trc\n")
     lines.write(
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\t"
@@ -104,15 +105,9 @@ def _write_trc(stream: IO[bytes], clip: Clip) -> None:
         lines.write("\t".join(cells) + "\n")
 
 
-class _Text:
-    """Lets text be written to a binary stream without closing it at the end."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        # Half a character stands for a byte of a file's name that is no UTF-8.
-        return self._stream.write(text.encode("utf-8", "backslashreplace"))
+def _text(stream: IO[bytes]) -> codecs.StreamWriter:
+    # Half a character stands for a byte of a file's name that is no UTF-8.
+    return codecs.getwriter("utf-8")(stream, "backslashreplace")
 
 
 WRITERS: Mapping[str, Callable[[IO[bytes], Clip], None]] = MappingProxyType(

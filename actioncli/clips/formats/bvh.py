@@ -9,7 +9,6 @@ the offset.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -239,21 +238,18 @@ def _forward(skeleton: _Skeleton, table: FloatArray, rest: bool = False) -> Floa
 
 def _rotation(axis: int, angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """Right-handed rotation about x, y or z: (T,) radians to (T, 3, 3)."""
-    cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.zeros((len(angle), 3, 3))
     one, other = (axis + 1) % 3, (axis + 2) % 3
     turn[:, axis, axis] = 1
-    turn[:, one, one] = turn[:, other, other] = cosine
-    turn[:, one, other] = -sine
-    turn[:, other, one] = sine
+    turn[:, one, one] = turn[:, other, other] = np.cos(angle)
+    turn[:, other, one] = np.sin(angle)
+    turn[:, one, other] = -turn[:, other, one]
     return turn
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:
     """Names with a number behind those that appeared before."""
-    seen = Counter[str]()
-    unique = []
-    for name in names:
-        seen[name] += 1
-        unique.append(name if seen[name] == 1 else f"{name}#{seen[name]}")
-    return tuple(unique)
+    counts = (names[: at + 1].count(name) for at, name in enumerate(names))
+    return tuple(
+        f"{name}#{count}" if count > 1 else name for name, count in zip(names, counts, strict=True)
+    )
