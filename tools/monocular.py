@@ -1,6 +1,6 @@
 """A camera and a pose estimator, simulated: joints are projected, tremble, and are lifted again.
 
-Not what training imitates (`actioncli/training/estimator.py` bends bones in depth): here a depth
+Not what training imitates, which bends bones in depth: here a depth
 comes from how long a bone ought to be and how long it looks, as the first lifters had it
 (C. J. Taylor, "Reconstruction of articulated objects from point correspondences", 2000). Which way
 a bone leans is guessed wrongly now and then, and a filter smooths the result.

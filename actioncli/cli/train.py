@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 
     from actioncli.training.loop import Progress
 
+RECIPES = ("parts", "paper")
 # Seconds between progress lines where standard error is a file.
 _LOG_SECONDS = 30.0
 
@@ -35,8 +35,8 @@ def train(
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the weights go.")],
     recipe: Annotated[
-        str, typer.Option(metavar="NAME", help="default; parts; or paper: TRX-OS as published.")
-    ] = "default",
+        str, typer.Option(metavar="NAME", help="parts; or paper: TRX-OS as published.")
+    ] = "parts",
     splits: Annotated[
         Path | None,
         typer.Option(
@@ -54,14 +54,12 @@ def train(
     Needs the extra: pip install 'actioncli[train]'. Some classes are held out to tell how well
     the model does on actions that it has never seen, and the best weights on those are kept.
     A run that was interrupted goes on where it was when the same command is given again.
-    Several processes share the steps of one run under torchrun; --threads is then each one's.
 
     \b
     Examples:
       actioncli train recordings/*.npz --out my.safetensors
       actioncli train recordings/*.npz --recipe paper --splits splits.json --out paper.safetensors
       actioncli classify query.npy --weights my.safetensors
-      torchrun --standalone --nproc-per-node 2 -m actioncli train a.npz --out my.safetensors
 
     \b
     JSON keys:
@@ -77,21 +75,14 @@ def train(
     from actioncli.clips.collection import read_collection
     from actioncli.evaluation.splits import read_splits
     from actioncli.model.weights import read_weights
-    from actioncli.training import loop
     from actioncli.training.data import hold_out, training_set
-    from actioncli.training.distributed import launched
+    from actioncli.training.paper import PaperRecipe, train_paper
+    from actioncli.training.paper_validation import Validation
     from actioncli.training.parts_loop import PartsRecipe, train_parts
     from actioncli.training.parts_validation import PartsValidation
-    from actioncli.training.recipes import RECIPES
-    from actioncli.training.validation import Validation
 
-    by_parts = PartsRecipe()
-    if recipe not in (*RECIPES, by_parts.name):
-        raise UsageError(
-            f"unknown recipe {recipe!r}; there are {', '.join([*RECIPES, by_parts.name])}."
-        )
-    if not launched().first:
-        settings = replace(settings, quiet=True)
+    if recipe not in RECIPES:
+        raise UsageError(f"unknown recipe {recipe!r}; there are {', '.join(RECIPES)}.")
     if threads is not None:
         torch.set_num_threads(threads)
     parts = read_splits(splits) if splits else None
@@ -106,14 +97,12 @@ def train(
     begun = time.monotonic()
     names = [collection.name for collection in read]
     with _reporter(settings) as report:
-        if recipe == by_parts.name:
-            validation = PartsValidation(held, by_parts.config, seed)
-            train_parts(by_parts, data, validation, out, seed, names, report)
+        if recipe == "parts":
+            parts_recipe = PartsRecipe()
+            validation = PartsValidation(held, parts_recipe.config, seed)
+            train_parts(parts_recipe, data, validation, out, seed, names, report)
         else:
-            chosen = RECIPES[recipe]
-            loop.train(chosen, data, Validation(held, seed), out, seed, names, report)
-    if not launched().first:
-        return
+            train_paper(PaperRecipe(), data, Validation(held, seed), out, seed, names, report)
     weights = read_weights(out)
     best, steps = weights.metadata["validation"], weights.metadata["recipe"]["steps"]
     seconds = time.monotonic() - begun

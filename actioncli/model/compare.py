@@ -182,10 +182,7 @@ def _attended(
 ) -> tuple[FloatArray, FloatArray]:
     """T (B,), and what Disc makes of pairs (B, ways, P, 16), of B queries (B, P, W), each against
     one action (B, n·P, W)."""
-    bias = trx_os.place_bias(params, config, keys)
-    if config.near_pairs:
-        bias = np.tile(bias, keys.shape[1] // config.pairs)
-    weights = trx_os.attention(query_keys, keys, bias)
+    weights = trx_os.attention(query_keys, keys)
     difference = query_values - trx_os.prototypes(weights, values)
     t = trx_os.distance(config, difference)
     ways = [difference]

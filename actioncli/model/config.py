@@ -29,7 +29,6 @@ class ModelConfig:
         convolutions: residual temporal convolutions in Ψ, with a layer norm behind them and
             positions that are learned; 0 is the paper's MLP.
         both_ways: the support's pairs attend to the query's too, and T is the mean of both.
-        near_pairs: attention prefers pairs at like places in both clips, by a learned amount.
         warp_width: V, numbers per token that dynamic time warping compares; its cost joins T in
             the score. 0 leaves it out. Needs bodies of standard size.
         neighbours: the warping cost is seen relative to the mean cost to so many nearest motions
@@ -47,7 +46,6 @@ class ModelConfig:
     body_features: bool = False
     convolutions: int = 0
     both_ways: bool = False
-    near_pairs: bool = False
     warp_width: int = 0
     neighbours: int = 0
     mirrored: float = 0.0
@@ -99,6 +97,9 @@ class ModelConfig:
             values = json.loads(text)
             preparation = values.pop("preparation")
             preparation["joints"] = tuple(preparation["joints"])
+            # A switch of earlier releases; no weights that have it on are read any more.
+            if values.pop("near_pairs", False):
+                raise ValueError("near_pairs")
             config = cls(preparation=Preparation(**preparation), **values)
             _check(config)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
@@ -136,7 +137,6 @@ def _check(config: ModelConfig) -> None:
         (preparation, "heading"),
         (config, "body_features"),
         (config, "both_ways"),
-        (config, "near_pairs"),
     ):
         if not isinstance(getattr(owner, name), bool):
             raise ValueError(f"{name} is neither true nor false")

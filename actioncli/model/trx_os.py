@@ -51,8 +51,6 @@ def parameter_shapes(config: ModelConfig) -> dict[str, tuple[int, ...]]:
             "psi.1.weight": (2 * inputs, width),
             "psi.1.bias": (width,),
         }
-    if config.near_pairs:
-        shapes |= {"attention.decay": (1,)}
     return shapes | {
         "key.weight": (2 * width, key),
         "key.bias": (key,),
@@ -152,14 +150,11 @@ def pair_indices(tokens: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(first.tolist()), tuple(second.tolist())
 
 
-def pairs(
-    params: Params, config: ModelConfig, projected: Array, chosen: Array | None = None
-) -> tuple[Array, Array]:
+def pairs(params: Params, config: ModelConfig, projected: Array) -> tuple[Array, Array]:
     """Keys Υ (layer-normalised; queries use the same map) and values Λ of pairs of tokens.
 
     Args:
         projected: (N, F, 4·W) from `project`; further columns are ignored.
-        chosen: numbers of the pairs to form; all P without it.
 
     Returns:
         keys (N, P, W) and values (N, P, W).
@@ -167,8 +162,6 @@ def pairs(
     xp = namespace(projected)
     w = config.key_width
     first, second = (xp.asarray(index) for index in pair_indices(config.tokens))
-    if chosen is not None:
-        first, second = first[chosen], second[chosen]
 
     def of_pairs(at: int) -> Array:
         return xp.take(projected[..., at : at + w], first, axis=1) + xp.take(
@@ -178,41 +171,12 @@ def pairs(
     return _normed(params, "key.norm", of_pairs(0)), of_pairs(2 * w)
 
 
-@lru_cache(maxsize=8)
-def pair_offsets(tokens: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Squared distance between the places of two pairs, in clip lengths, (P, P)."""
-    places = np.stack(pair_indices(tokens), axis=1) / tokens
-    return np.asarray(((places[:, None] - places) ** 2).sum(axis=2), np.float32)
-
-
-def place_bias(
-    params: Params, config: ModelConfig, like: Array, chosen: Array | None = None
-) -> Array:
-    """What attention loses where two pairs lie at different places in their clips.
-
-    Args:
-        like: an array of the wanted kind.
-        chosen: numbers of the pairs that are compared; all P without it.
-
-    Returns:
-        (P, P), -exp(decay) times `pair_offsets`; or 0 where the configuration has none.
-    """
-    if not config.near_pairs:
-        return 0
-    xp = namespace(like)
-    offsets = xp.asarray(pair_offsets(config.tokens))
-    if chosen is not None:
-        offsets = offsets[chosen][:, chosen]
-    return -xp.exp(params["attention.decay"]) * offsets
-
-
-def attention(query_keys: Array, support_keys: Array, bias: Array = 0) -> Array:
+def attention(query_keys: Array, support_keys: Array) -> Array:
     """Exponentials of the scaled products of keys, not yet divided by their sum.
 
     Args:
         query_keys: (..., P, W).
         support_keys: (..., n·P, W), all examples of one action together.
-        bias: added to the scaled products, see `place_bias`; (P, n·P) or a number.
 
     Returns:
         (..., P, n·P); rows divided by their sum are the attention of the query's pairs to the
@@ -221,7 +185,7 @@ def attention(query_keys: Array, support_keys: Array, bias: Array = 0) -> Array:
     xp = namespace(query_keys)
     # Scaling the queries costs half of scaling the products.
     scaled = query_keys / query_keys.shape[-1] ** 0.5
-    scores = scaled @ xp.matrix_transpose(support_keys) + bias
+    scores = scaled @ xp.matrix_transpose(support_keys)
     # One largest score for rows and columns: normalised keys keep scores within ±√W.
     return xp.exp(scores - xp.max(scores, axis=(-2, -1), keepdims=True))
 

@@ -226,10 +226,7 @@ def _attention(
     keys, values = (
         each.reshape(-1, config.key_width) for each in trx_os.pairs(params, config, beside)
     )
-    bias = trx_os.place_bias(params, config, keys)
-    if config.near_pairs:
-        bias = np.tile(bias, len(support))
-    weights = trx_os.attention(query_keys, keys, bias)
+    weights = trx_os.attention(query_keys, keys)
     difference = query_values - trx_os.prototypes(weights, values)
     of_pair = np.array([float(trx_os.distance(config, each[None])) for each in difference])
     weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float64)

@@ -5,8 +5,7 @@ than the enrolled ones the performance is a part, so windows of about their leng
 whole. More windows are more chances of a false match; therefore a window's odds against a match
 are multiplied by the number of windows to the power of `CHANCES`. The constants were chosen on
 classes that the model had not seen, see the model card: with this power about as many unknown
-queries are accepted in long clips as in clips of one performance. `tools/measure_windows.py` asks
-the same.
+queries are accepted in long clips as in clips of one performance.
 """
 
 from __future__ import annotations

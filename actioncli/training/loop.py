@@ -1,50 +1,31 @@
-"""The training loop: episodes, steps, looks at validation classes, checkpoints."""
+"""The training loop: steps, looks at validation classes, checkpoints."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import partial
-from hashlib import sha256
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from actioncli._version import __version__
-from actioncli.errors import UsageError, WeightsError
+from actioncli.errors import WeightsError
 from actioncli.files import output_lock
-from actioncli.model.config import ModelConfig
-from actioncli.model.trx_os import parameter_shapes, positional_encoding
-from actioncli.model.weights import Weights, write_weights
-from actioncli.training.checkpoint import (
-    TrainingState,
-    load_checkpoint,
-    new_optimizer,
-    save_checkpoint,
-)
-from actioncli.training.closing import close
-from actioncli.training.data import TrainingSet
-from actioncli.training.distributed import joined
-from actioncli.training.objectives import objective
-from actioncli.training.recipes import Recipe
-from actioncli.training.validation import Validation
+from actioncli.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
 
 CHECKPOINT_SECONDS = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a progress line tells after a step.
+    """What a progress line shows after a step.
 
     Attributes:
         step, steps: how far the run is.
@@ -64,136 +45,118 @@ class Progress:
     unsaved: str | None
 
 
+Report = Callable[[Progress], None]
+
+
+class Schedule(Protocol):
+    """What the loop reads of a recipe."""
+
+    @property
+    def steps(self) -> int:
+        """Optimiser steps."""
+
+    @property
+    def validate_every(self) -> int:
+        """Steps between looks at the validation classes."""
+
+
+class Run(Protocol):
+    """One recipe on its data, for `train`."""
+
+    def start(self) -> TrainingState:
+        """The state before the first step."""
+
+    def loss(self, state: TrainingState, rng: np.random.Generator) -> tuple[Tensor, float]:
+        """The loss of a step, and the share of queries whose nearest action is right."""
+
+    def step(self, state: TrainingState) -> None:
+        """Take the step whose gradients are there, and count it."""
+
+    def validate(self, state: TrainingState) -> None:
+        """Look at the validation classes, and add the figures to the state's history."""
+
+    def write(self, state: TrainingState) -> None:
+        """Write the weights of a complete run."""
+
+
 def train(
-    recipe: Recipe,
-    data: TrainingSet,
-    validation: Validation,
-    out: Path,
-    seed: int,
-    sources: Sequence[str],
-    report: Callable[[Progress], None] = lambda _: None,
+    run: Run, schedule: Schedule, out: Path, seed: int, fingerprint: str, report: Report
 ) -> Path:
-    """Train, or go on with an interrupted run, and write the best weights.
+    """Train, or go on with an interrupted run, and write the weights.
 
-    The state is kept in `OUT.checkpoint` at least once a minute, at every validation and on
-    Ctrl-C; it is deleted when the run is complete. Where it cannot be written, the run goes on
-    and tries again a minute later. A resumed run ends with the same weights as
-    one that was never interrupted (same machine, same number of threads).
-
-    Under `torchrun` its processes share each step; the first one validates, reports and writes.
-    Losses and weights are those of one process but for the order in which floats are added, and
-    a run may go on with another number of processes.
+    The state is kept in `OUT.checkpoint` at least once a minute and on Ctrl-C; it is deleted when
+    the run is complete. Where it cannot be written, the run goes on and tries again a minute
+    later. A resumed run ends with the same weights as one that was never interrupted (same
+    machine, same number of threads).
 
     Args:
-        recipe: what to do.
-        data: training clips.
-        validation: clips of other classes; the weights that do best on them are kept.
+        run: what a step does.
+        schedule: how many steps.
         out: where the weights go.
-        seed: of initial tensors and episodes.
-        sources: names of the collections, for the header.
+        seed: of the steps; what step n draws depends on nothing but seed and n.
+        fingerprint: of recipe, seed and data; a checkpoint of another one is refused.
         report: called after each step.
 
     Raises:
-        UsageError: too few classes for the recipe's episodes.
         WeightsError: the weights, or after Ctrl-C the checkpoint, cannot be written; the
             checkpoint belongs to another run; or another run is writing them.
     """
-    usable = sum(len(rows) > 1 for rows in data.members.values())
-    if usable <= recipe.ways:
-        raise UsageError(
-            f"recipe {recipe.name} needs more than {recipe.ways} classes with at least 2 clips "
-            f"to train on; the collections have {usable}."
-        )
-    identity = [recipe.as_json(), seed, data.fingerprint, validation.data.fingerprint]
-    fingerprint = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     checkpoint = out.with_name(out.name + ".checkpoint")
-    processes = joined()
-    with (
-        output_lock(out, "train", WeightsError) if processes.first else contextlib.nullcontext(),
-        interrupts_noted() as interrupted,
-    ):
-        processes.wait()  # until the first one has made its claim
-        descend = objective(recipe, data, processes)
-        state = load_checkpoint(checkpoint, fingerprint)
-        if state is None:
-            state = _new_state(recipe.config, seed)
-        processes.check_same("recipe, seed, data and checkpoint", f"{fingerprint} {state.step}")
-        step = processes.together(state.params, partial(descend.loss, state.params))
+    with output_lock(out, "train", WeightsError), interrupts_noted() as interrupted:
+        state = load_checkpoint(checkpoint, fingerprint) or run.start()
         begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
-        loss = accuracy = 0.0
+        means = np.zeros(2)
         unsaved: str | None = None
         try:
-            while state.step < recipe.steps:
-                share, accuracy_share = step(np.random.default_rng([seed, state.step]))
-                share.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
-                _step(recipe, state)
-                state.step += 1
-                # All processes hear of an interrupt at the end of the same step.
-                now = processes.gather(
-                    share.item() / processes.count, accuracy_share, interrupted.is_set()
-                ).sum(axis=0)
+            while state.step < schedule.steps:
+                loss, accuracy = run.loss(state, np.random.default_rng([seed, state.step]))
+                loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
+                run.step(state)
                 done = state.step - first_step
-                blend = max(1 / 50, 1 / done)
-                loss += blend * (float(now[0]) - loss)
-                accuracy += blend * (float(now[1]) - accuracy)
-                if processes.first:
-                    if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
-                        _validate(state, recipe.config, validation)
-                    if time.monotonic() - saved > CHECKPOINT_SECONDS:
-                        unsaved = None
-                        try:
-                            save_checkpoint(checkpoint, state, fingerprint)
-                        except WeightsError as error:
-                            # A disk may be full for a while; hours of work end for less.
-                            unsaved = str(error)
-                        saved = time.monotonic()
-                    pace = (time.monotonic() - begun) / done
-                    report(
-                        Progress(
-                            state.step,
-                            recipe.steps,
-                            loss,
-                            accuracy,
-                            pace * (recipe.steps - state.step),
-                            state.history[-1] if state.history else None,
-                            unsaved,
-                        )
-                    )
-                if now[2]:
+                means += max(1 / 50, 1 / done) * (np.array([loss.item(), accuracy]) - means)
+                if state.step % schedule.validate_every == 0 or state.step == schedule.steps:
+                    run.validate(state)
+                if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                    unsaved = None
+                    try:
+                        save_checkpoint(checkpoint, state, fingerprint)
+                    except WeightsError as error:
+                        # A disk may be full for a while; hours of work end for less.
+                        unsaved = str(error)
+                    saved = time.monotonic()
+                left = (time.monotonic() - begun) / done * (schedule.steps - state.step)
+                shown = state.history[-1] if state.history else None
+                mean_loss, mean_accuracy = means.tolist()
+                at = (state.step, schedule.steps, mean_loss, mean_accuracy, left)
+                report(Progress(*at, shown, unsaved))
+                if interrupted.is_set():
                     raise KeyboardInterrupt
         except KeyboardInterrupt:
-            if processes.first:
-                save_checkpoint(checkpoint, state, fingerprint)
+            save_checkpoint(checkpoint, state, fingerprint)
             raise
-        if processes.first:
-            _write(out, recipe, state, data, seed, sources)
-            checkpoint.unlink(missing_ok=True)
+        run.write(state)
+        checkpoint.unlink(missing_ok=True)
     return out
 
 
-def _write(
-    out: Path,
-    recipe: Recipe,
-    state: TrainingState,
-    data: TrainingSet,
-    seed: int,
-    sources: Sequence[str],
+def descend(
+    state: TrainingState, rate: float, weight_decay: float, steps: int, warm: int, floor: float
 ) -> None:
-    """Write the weights that did best."""
-    best = max(state.history, key=lambda entry: entry["score"])
-    learned = {name: state.best[name].numpy() for name in parameter_shapes(recipe.config)}
-    arrays = close(recipe.config, learned, data, seed)
-    metadata: dict[str, Any] = {
-        "actioncli": __version__,
-        "recipe": recipe.as_json(),
-        "seed": seed,
-        "best_step": best["step"],
-        "validation": best,
-        "classes": len(data.members),
-        "clips": len(data.clips),
-        "sources": list(sources),
-    }
-    write_weights(out, recipe.config, arrays, metadata)
+    """One step of AdamW: the rate rises for `warm` steps, then falls as a half cosine to `floor` of
+    its peak; gradients are clipped to norm 1; only matrices decay."""
+    torch.nn.utils.clip_grad_norm_(state.params.values(), 1.0)
+    fallen = floor + (1 - floor) / 2 * (1 + math.cos(math.pi * state.step / steps))
+    now = rate * min(1.0, (state.step + 1) / warm) * fallen
+    for group, decay in zip(state.optimizer.param_groups, (weight_decay, 0), strict=True):
+        group["lr"], group["weight_decay"] = now, decay
+    state.optimizer.step()
+    state.optimizer.zero_grad()
+    state.step += 1
+
+
+def arrays(tensors: dict[str, Tensor]) -> dict[str, np.ndarray[Any, Any]]:
+    """Tensors as numpy arrays, wherever they are."""
+    return {name: tensor.detach().cpu().numpy() for name, tensor in tensors.items()}
 
 
 @contextlib.contextmanager
@@ -214,51 +177,3 @@ def interrupts_noted() -> Iterator[threading.Event]:
     finally:
         for each in raising:
             signal.signal(each, signal.default_int_handler)
-
-
-def _step(recipe: Recipe, state: TrainingState) -> None:
-    torch.nn.utils.clip_grad_norm_(state.params.values(), 1.0)
-    for group, decay in zip(state.optimizer.param_groups, (recipe.weight_decay, 0), strict=True):
-        group["lr"], group["weight_decay"] = _rate(recipe, state.step), decay
-    state.optimizer.step()
-    state.optimizer.zero_grad()
-
-
-def _validate(state: TrainingState, config: ModelConfig, validation: Validation) -> None:
-    """Look at the unseen classes with T and discriminator alone: the rest is added at the end."""
-    plain = replace(config, warp_width=0, neighbours=0, mirrored=0.0)
-    arrays = {name: state.params[name].detach().numpy() for name in parameter_shapes(plain)}
-    figures = validation.figures(Weights(plain, arrays, {}, f"step-{state.step}", Path()))
-    state.history.append({"step": state.step, **asdict(figures)})
-    if figures.score > state.score:
-        state.score = figures.score
-        state.best = {name: tensor.detach().clone() for name, tensor in state.params.items()}
-
-
-def _rate(recipe: Recipe, step: int) -> float:
-    warm = min(1.0, (step + 1) / 50)
-    return recipe.rate * warm * (0.03 + 0.485 * (1 + math.cos(math.pi * step / recipe.steps)))
-
-
-def _new_state(config: ModelConfig, seed: int) -> TrainingState:
-    """Uniform in ±1/√(inputs of the layer), norms at one: PyTorch's usual start."""
-    rng = np.random.default_rng([seed, 0x1417])
-    params: dict[str, Tensor] = {}
-    fan_in = 1
-    for name, shape in parameter_shapes(config).items():
-        values: NDArray[np.floating[Any]]
-        if name.endswith("scale"):
-            values = np.ones(shape)
-        elif name.endswith("shift"):
-            values = np.zeros(shape)
-        elif name == "positions":
-            values = positional_encoding(*shape)
-        elif name == "attention.decay":
-            values = np.full(shape, math.log(10))
-        else:
-            fan_in = shape[0] if len(shape) == 2 else fan_in
-            values = rng.uniform(-1, 1, shape) / math.sqrt(fan_in)
-        params[name] = torch.nn.Parameter(torch.tensor(values, dtype=torch.float32))
-    # In the order in which a checkpoint gives them back: sums of floats depend on it.
-    params = dict(sorted(params.items()))
-    return TrainingState(0, params, new_optimizer(params), {}, -math.inf, [])

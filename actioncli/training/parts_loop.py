@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -17,19 +16,13 @@ from torch import Generator, Tensor
 from torch.nn import functional
 
 from actioncli._version import __version__
-from actioncli.errors import UsageError, WeightsError
-from actioncli.files import output_lock
+from actioncli.errors import UsageError
 from actioncli.model import parts
 from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import write_weights
-from actioncli.training.checkpoint import (
-    TrainingState,
-    load_checkpoint,
-    new_optimizer,
-    save_checkpoint,
-)
+from actioncli.training.checkpoint import TrainingState, new_optimizer
 from actioncli.training.data import TrainingSet, cut_long_recordings
-from actioncli.training.loop import CHECKPOINT_SECONDS, Progress, interrupts_noted
+from actioncli.training.loop import Report, arrays, descend, train
 from actioncli.training.parts_augment import augment, joined
 from actioncli.training.parts_tasks import PartTasks, Task
 from actioncli.training.parts_validation import PartsValidation
@@ -80,7 +73,7 @@ def train_parts(
     out: Path,
     seed: int,
     sources: Sequence[str],
-    report: Callable[[Progress], None] = lambda _: None,
+    report: Report = lambda _: None,
     device: str = "cpu",
 ) -> Path:
     """Train, or go on with an interrupted run, and write the average of the last weights.
@@ -89,7 +82,7 @@ def train_parts(
         recipe: what to do.
         data: training clips.
         validation: clips of other classes, on which the meaning of a confidence is fitted.
-        out: where the weights go; the state is kept in `OUT.checkpoint` as `loop.train` does.
+        out: where the weights go.
         seed: of initial tensors, tasks and augmentation.
         sources: names of the collections, for the header.
         report: called after each step.
@@ -97,8 +90,7 @@ def train_parts(
 
     Raises:
         UsageError: too few classes for a task.
-        WeightsError: the weights, or after Ctrl-C the checkpoint, cannot be written; the
-            checkpoint belongs to another run; or another run is writing them.
+        WeightsError: as `loop.train`.
     """
     if len(data.members) < recipe.ways:
         raise UsageError(
@@ -107,60 +99,67 @@ def train_parts(
         )
     identity = [recipe.as_json(), seed, data.fingerprint, validation.data.fingerprint, device]
     fingerprint = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-    checkpoint = out.with_name(out.name + ".checkpoint")
-    with output_lock(out, "train", WeightsError), interrupts_noted() as interrupted:
-        tasks = PartTasks(cut_long_recordings(data), recipe.config.preparation, device)
-        state = load_checkpoint(checkpoint, fingerprint) or _new_state(recipe.config, seed, device)
-        begun, first_step, saved = time.monotonic(), state.step, time.monotonic()
-        means = np.zeros(2)
-        unsaved: str | None = None
-        try:
-            while state.step < recipe.steps:
-                rng = np.random.default_rng([seed, state.step])
-                chance = torch.Generator(device).manual_seed(int(rng.integers(2**62)))
-                torch.manual_seed(int(rng.integers(2**62)))  # dropout has no generator of its own
-                drawn = [tasks.draw(recipe.ways, rng, chance) for _ in range(recipe.tasks)]
-                loss, accuracy = _loss(recipe, state.params, drawn, chance)
-                loss.backward()  # type: ignore[no-untyped-call]  # torch declares no types here
-                _step(recipe, state)
-                done = state.step - first_step
-                means += max(1 / 50, 1 / done) * (np.array([loss.item(), accuracy]) - means)
-                if state.step % recipe.validate_every == 0 or state.step == recipe.steps:
-                    figures = validation.figures(_arrays(state.best))
-                    state.history.append({"step": state.step, **figures})
-                if time.monotonic() - saved > CHECKPOINT_SECONDS:
-                    unsaved = None
-                    try:
-                        save_checkpoint(checkpoint, state, fingerprint)
-                    except WeightsError as error:
-                        unsaved = str(error)
-                    saved = time.monotonic()
-                left = (time.monotonic() - begun) / done * (recipe.steps - state.step)
-                shown = state.history[-1] if state.history else None
-                mean_loss, mean_accuracy = means.tolist()
-                report(
-                    Progress(
-                        state.step, recipe.steps, mean_loss, mean_accuracy, left, shown, unsaved
-                    )
-                )
-                if interrupted.is_set():
-                    raise KeyboardInterrupt
-        except KeyboardInterrupt:
-            save_checkpoint(checkpoint, state, fingerprint)
-            raise
-        arrays = _arrays(state.best)
+    run = _Parts(recipe, data, validation, out, seed, sources, device)
+    return train(run, recipe, out, seed, fingerprint, report)
+
+
+class _Parts:
+    """See `loop.Run`."""
+
+    def __init__(
+        self,
+        recipe: PartsRecipe,
+        data: TrainingSet,
+        validation: PartsValidation,
+        out: Path,
+        seed: int,
+        sources: Sequence[str],
+        device: str,
+    ) -> None:
+        """Prepare all clips once."""
+        self._recipe, self._data, self._validation = recipe, data, validation
+        self._out, self._seed, self._sources, self._device = out, seed, sources, device
+        self._tasks = PartTasks(cut_long_recordings(data), recipe.config.preparation, device)
+
+    def start(self) -> TrainingState:
+        """Random weights."""
+        return _new_state(self._recipe.config, self._seed, self._device)
+
+    def loss(self, state: TrainingState, rng: np.random.Generator) -> tuple[Tensor, float]:
+        """Of several tasks."""
+        chance = torch.Generator(self._device).manual_seed(int(rng.integers(2**62)))
+        torch.manual_seed(int(rng.integers(2**62)))  # dropout has no generator of its own
+        ways = self._recipe.ways
+        drawn = [self._tasks.draw(ways, rng, chance) for _ in range(self._recipe.tasks)]
+        return _loss(self._recipe, state.params, drawn, chance)
+
+    def step(self, state: TrainingState) -> None:
+        """AdamW, and the average of the weights."""
+        recipe = self._recipe
+        descend(state, recipe.rate, recipe.weight_decay, recipe.steps, warm=100, floor=0.02)
+        kept = min(recipe.averaging, state.step / (state.step + 10))
+        for name, tensor in state.params.items():
+            state.best[name].lerp_(tensor.detach(), 1 - kept)
+
+    def validate(self, state: TrainingState) -> None:
+        """Look at what the averaged weights do."""
+        figures = self._validation.figures(arrays(state.best))
+        state.history.append({"step": state.step, **figures})
+
+    def write(self, state: TrainingState) -> None:
+        """Write the averaged weights, and what a confidence means."""
+        tensors = arrays(state.best)
         metadata = {
             "actioncli": __version__,
-            "recipe": recipe.as_json(),
-            "seed": seed,
+            "recipe": self._recipe.as_json(),
+            "seed": self._seed,
             "validation": state.history[-1],
-            "classes": len(data.members),
-            "clips": len(data.clips),
-            "sources": list(sources),
+            "classes": len(self._data.members),
+            "clips": len(self._data.clips),
+            "sources": list(self._sources),
         }
-        write_weights(out, recipe.config, arrays | validation.confidence(arrays), metadata)
-        checkpoint.unlink(missing_ok=True)
-    return out
+        confidence = self._validation.confidence(tensors)
+        write_weights(self._out, self._recipe.config, tensors | confidence, metadata)
 
 
 def _loss(
@@ -215,21 +214,6 @@ def task_loss(logits: Tensor, same: Tensor, hard: float) -> Tensor:
     return closed / 2 + accepted + (functional.softplus(logits) * rivals).sum(1).mean()
 
 
-def _step(recipe: PartsRecipe, state: TrainingState) -> None:
-    """One step of AdamW, and of the average of the weights."""
-    torch.nn.utils.clip_grad_norm_(state.params.values(), 1.0)
-    fallen = 0.02 + 0.49 * (1 + math.cos(math.pi * state.step / recipe.steps))
-    rate = recipe.rate * min(1.0, (state.step + 1) / 100) * fallen
-    for group, decay in zip(state.optimizer.param_groups, (recipe.weight_decay, 0), strict=True):
-        group["lr"], group["weight_decay"] = rate, decay
-    state.optimizer.step()
-    state.optimizer.zero_grad()
-    state.step += 1
-    kept = min(recipe.averaging, state.step / (state.step + 10))
-    for name, tensor in state.params.items():
-        state.best[name].lerp_(tensor.detach(), 1 - kept)
-
-
 def _new_state(config: PartsConfig, seed: int, device: str) -> TrainingState:
     """Uniform in ±1/√(inputs of the layer), norms at one: PyTorch's usual start."""
     rng = np.random.default_rng([seed, 0x1417])
@@ -252,7 +236,3 @@ def _new_state(config: PartsConfig, seed: int, device: str) -> TrainingState:
     params = dict(sorted(params.items()))
     average = {name: tensor.detach().clone() for name, tensor in params.items()}
     return TrainingState(0, params, new_optimizer(params), average, -math.inf, [])
-
-
-def _arrays(tensors: dict[str, Tensor]) -> dict[str, np.ndarray[Any, Any]]:
-    return {name: tensor.detach().cpu().numpy() for name, tensor in tensors.items()}

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 import actioncli
+from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import closing_shapes
 from actioncli.model.trx_os import parameter_shapes
-from actioncli.model.weights import Weights
-from actioncli.training.recipes import RECIPES
+from actioncli.model.weights import Weights, read_weights
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 # Milliseconds a query may take, by number of enrolled actions.
@@ -69,7 +69,7 @@ def milliseconds(call: Callable[[], object], rounds: int) -> float:
 
 def untrained(recipe: str) -> actioncli.Recognizer:
     """A recogniser of a recipe that the shipped weights are not of; time depends on sizes alone."""
-    config = RECIPES[recipe].config
+    config = ModelConfig() if recipe == "paper" else read_weights().trx_os
     random = np.random.default_rng(0)
     shapes = parameter_shapes(config) | closing_shapes(config, 256)
     tensors = {

@@ -18,11 +18,11 @@ from torch.nn import functional
 
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
-from actioncli.training.losses import episode_loss
-from actioncli.training.recipes import RECIPES
+from actioncli.training.paper import PaperRecipe
+from actioncli.training.paper_loss import episode_loss
 
 ROUNDS = 10
-RECIPE = RECIPES["paper"]
+RECIPE = PaperRecipe()
 Params = dict[str, Tensor]
 
 

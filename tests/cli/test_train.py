@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +19,8 @@ from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import read_weights
 from actioncli.training import loop
 from actioncli.training.loop import Progress
+from actioncli.training.paper import PaperRecipe
 from actioncli.training.parts_loop import PartsRecipe
-from actioncli.training.recipes import RECIPES
 
 STEPS = 4
 
@@ -29,8 +28,8 @@ STEPS = 4
 @pytest.fixture
 def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A collection of thirty actions by four people; a run on it takes a second."""
-    short = replace(RECIPES["paper"], steps=STEPS, batch=1, ways=3, validate_every=2)
-    monkeypatch.setattr("actioncli.training.recipes.RECIPES", {"paper": short})
+    short = PaperRecipe(steps=STEPS, batch=1, ways=3, validate_every=2)
+    monkeypatch.setattr("actioncli.training.paper.PaperRecipe", lambda: short)
     file = tmp_path / "toy.npz"
     write_collection(file, 30, 4, 1, np.random.default_rng(0))
     return file

@@ -20,14 +20,14 @@ from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import embed
 from actioncli.model.features import mirror, token_features
 from actioncli.model.warping import warping_cost
+from actioncli.model.weights import read_weights
 from actioncli.recognition.recognizer import Recognizer
-from actioncli.training.recipes import RECIPES
 from tests.clips.test_prepare import waving
 
 torch = pytest.importorskip("torch", reason="numpy is compared with torch")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-PAPER, DEFAULT = RECIPES["paper"].config, RECIPES["default"].config
+PAPER, DEFAULT = ModelConfig(), read_weights().trx_os
 
 
 def motions(count: int, seed: int = 0) -> list[Clip]:
@@ -95,7 +95,6 @@ def plain_parts(
         params, config, np.stack([query, example])[..., :width]
     )
     scores = asked @ known.T / np.sqrt(config.key_width)
-    scores = scores + trx_os.place_bias(params, config, scores)
     rows = np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True)
     columns = np.exp(scores) / np.exp(scores).sum(axis=0)
     ways = [asked_values - rows @ known_values]
@@ -114,8 +113,8 @@ def plain_parts(
 
 @pytest.mark.parametrize(
     "config",
-    [PAPER, replace(DEFAULT, mirrored=0.0), replace(DEFAULT, mirrored=0.0, near_pairs=True)],
-    ids=["paper", "default", "near pairs"],
+    [PAPER, replace(DEFAULT, mirrored=0.0)],
+    ids=["paper", "default"],
 )
 def test_scores_are_what_the_equations_say(config: ModelConfig) -> None:
     params = random_model(config)
@@ -233,7 +232,7 @@ def test_the_best_of_several_examples_counts() -> None:
     assert with_itself[1] == pytest.approx(0, abs=1e-2)
 
 
-@pytest.mark.parametrize("switch", ["both_ways", "near_pairs", "body_features"])
+@pytest.mark.parametrize("switch", ["both_ways", "body_features"])
 def test_each_addition_can_be_switched(switch: str) -> None:
     config = replace(DEFAULT, **{switch: not getattr(DEFAULT, switch)})
     assert np.isfinite(logits(config, motions(1), [motions(1, seed=5)])).all()

@@ -11,9 +11,8 @@ from actioncli.clips.skeleton import LAYOUTS
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import closing_shapes
 from actioncli.model.trx_os import parameter_shapes
-from actioncli.model.weights import Weights
+from actioncli.model.weights import Weights, read_weights
 from actioncli.recognition.explanation import explain
-from actioncli.training.recipes import RECIPES
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OTHER = ModelConfig(Preparation(joints=("pelv", "lwri", "rwri", "nose")))
@@ -34,12 +33,15 @@ def clips() -> dict[str, Clip]:
     return {name: read_clip(EXAMPLES / f"{name}.npz") for name in names}
 
 
-@pytest.fixture(scope="module", params=["shipped", *RECIPES, "other joints"])
+CONFIGS = {"paper": ModelConfig(), "default": read_weights().trx_os}
+
+
+@pytest.fixture(scope="module", params=["shipped", *CONFIGS, "other joints"])
 def recognizer(request: pytest.FixtureRequest) -> Recognizer:
     """The shipped weights, and untrained ones of every kind of model."""
     if request.param == "shipped":
         return Recognizer()
-    return untrained(RECIPES[request.param].config if request.param in RECIPES else OTHER)
+    return untrained(CONFIGS.get(request.param, OTHER))
 
 
 @pytest.mark.parametrize("query", ["punch_right/dev", "wave_left/ada", "squat/ada"])
@@ -62,7 +64,7 @@ def test_parts_and_base_add_up_to_the_distance(
 
 
 def test_one_example_takes_all_attention(clips: dict[str, Clip]) -> None:
-    recognizer = untrained(RECIPES["default"].config)
+    recognizer = untrained(CONFIGS["default"])
     found = explain(recognizer, clips["squat/ada"], [clips["wave_right/ada"]])
     np.testing.assert_allclose(found.attention.sum(axis=1), 1, atol=1e-5)
 
@@ -92,7 +94,7 @@ def test_the_example_itself_leaves_nothing_to_explain(clips: dict[str, Clip]) ->
 
 
 def test_a_mirrored_query_is_compared_mirrored(clips: dict[str, Clip]) -> None:
-    config = RECIPES["default"].config
+    config = CONFIGS["default"]
     assert config.mirrored
     recognizer = untrained(config)
     assert explain(recognizer, clips["wave_left/ada"], [clips["wave_right/ada"]]).mirrored

@@ -12,22 +12,19 @@ import pytest
 
 from actioncli.errors import UsageError, WeightsError
 from actioncli.model.weights import read_weights
-from actioncli.recognition.recognizer import Recognizer
 from actioncli.training import loop
 from actioncli.training.data import TrainingSet, hold_out
-from actioncli.training.loop import Progress, train
-from actioncli.training.recipes import RECIPES, Recipe
-from actioncli.training.validation import Validation
+from actioncli.training.loop import Progress
+from actioncli.training.paper import PaperRecipe, train_paper
+from actioncli.training.paper_validation import Validation
 from tests.forking import files_up_to
 
-SHORT = replace(RECIPES["paper"], steps=6, batch=1, ways=3, validate_every=2)
-
-MANY_WAYS = replace(RECIPES["default"], steps=6, ways=5, validate_every=2)
+SHORT = PaperRecipe(steps=6, batch=1, ways=3, validate_every=2)
 
 
 def run(world: TrainingSet, out: Path, recipe=SHORT, report=lambda _: None) -> Path:  # type: ignore[no-untyped-def]
     data, held = hold_out(world, 0)
-    return train(recipe, data, Validation(held, 0), out, 0, ["world"], report)
+    return train_paper(recipe, data, Validation(held, 0), out, 0, ["world"], report)
 
 
 def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
@@ -42,34 +39,21 @@ def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
     assert weights.metadata["validation"]["closed_accuracy"] > 0.5
 
 
-def test_default_weights_hold_all_that_inference_needs(world: TrainingSet, tmp_path: Path) -> None:
-    weights = read_weights(run(world, tmp_path / "w.safetensors", MANY_WAYS))
-    recognizer = Recognizer(weights)
-    assert len(recognizer.cohort) == weights.tensors["cohort"].shape[0] > 10
-    again = [clip for clip, label in zip(world.clips, world.labels, strict=True) if label < 3]
-    support = {str(action): [again[6 * action]] for action in range(3)}
-    comparison = recognizer.compare(again, support)
-    nearest = comparison.labels[comparison.distance.argmin(axis=1)].astype(int)
-    assert (nearest == np.repeat(range(3), 6)).mean() > 0.9
-    assert (tmp_path / "w.safetensors").stat().st_size < 10e6
-
-
 @pytest.mark.parametrize("stop_at", [1, 3, 4])
-@pytest.mark.parametrize("recipe", [SHORT, MANY_WAYS], ids=["paper", "default"])
 def test_a_resumed_run_ends_like_an_uninterrupted_one(
-    world: TrainingSet, tmp_path: Path, stop_at: int, recipe: Recipe
+    world: TrainingSet, tmp_path: Path, stop_at: int
 ) -> None:
     def stop(now: Progress) -> None:
         if now.step == stop_at:
             raise KeyboardInterrupt
 
-    whole = run(world, tmp_path / "whole.safetensors", recipe)
+    whole = run(world, tmp_path / "whole.safetensors")
     out = tmp_path / "resumed.safetensors"
     with pytest.raises(KeyboardInterrupt):
-        run(world, out, recipe, report=stop)
+        run(world, out, report=stop)
     assert not out.exists()
     steps: list[int] = []
-    run(world, out, recipe, report=lambda now: steps.append(now.step))
+    run(world, out, report=lambda now: steps.append(now.step))
     assert steps[0] == stop_at + 1
     assert read_weights(out).checksum == read_weights(whole).checksum
     assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, whole.name]
@@ -151,7 +135,7 @@ def test_too_few_classes_are_told(world: TrainingSet, tmp_path: Path) -> None:
     few = world.of_classes([0, 1, 2])
     _, held = hold_out(world, 0)
     with pytest.raises(UsageError, match="needs more than 5 classes"):
-        train(RECIPES["paper"], few, Validation(held, 0), tmp_path / "w", 0, [])
+        train_paper(PaperRecipe(), few, Validation(held, 0), tmp_path / "w", 0, [])
 
 
 def test_one_run_at_a_time_writes_a_file(world: TrainingSet, tmp_path: Path) -> None:
@@ -177,7 +161,7 @@ def test_ctrl_c_waits_for_the_end_of_the_step(world: TrainingSet, tmp_path: Path
 
     with pytest.raises(KeyboardInterrupt):
         run(world, out, report=interrupt)
-    assert steps == [1, 2, 3]
+    assert steps == [1, 2]
     run(world, out, report=lambda now: steps.append(now.step))
     assert steps == [1, 2, 3, 4, 5, 6]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -9,7 +9,6 @@ from torch.nn import functional
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.features import token_features
-from actioncli.training.distributed import ALONE, Processes
 
 
 def episode_loss(
@@ -19,7 +18,6 @@ def episode_loss(
     queries: Tensor,
     targets: Tensor,
     sigma: float,
-    processes: Processes = ALONE,
 ) -> tuple[Tensor, float]:
     """Cross-entropy over -T, plus sigma times the discriminator's binary cross-entropy.
 
@@ -31,12 +29,9 @@ def episode_loss(
         queries: (B, Q, F, J, 3).
         targets: (B, Q) place of the query's action, -1 for an unknown one.
         sigma: weight of the discriminator's part.
-        processes: these episodes are this process's share of the step's, which every process
-            takes in turn.
 
     Returns:
-        the loss, and the share of known queries whose nearest action is right; of several
-        processes, what these episodes add to that of all.
+        the loss, and the share of known queries whose nearest action is right.
     """
     batch, ways = support.shape[:2]
     asked = queries.shape[1]
@@ -62,21 +57,10 @@ def episode_loss(
     chosen = difference.gather(
         2, nearest[..., None, None, None].expand(-1, -1, 1, *difference.shape[3:])
     )[:, :, 0]
-    # How many known queries, right ones and unknown ones every process has, (P, 3).
-    counts = processes.gather(*(int(of.sum()) for of in (known, right, ~known)))
-    here, total = counts[processes.rank], counts.sum(axis=0)
-    part = float(here[0] / total[0])
-    loss = loss * part
-    z = int(total[1:].min())
-    yes, no = (
-        chosen[of][: max(0, z - int(before))]
-        for of, before in zip(
-            (right, ~known), counts[: processes.rank, 1:].sum(axis=0), strict=True
-        )
-    )
-    if len(yes) or len(no):
-        logits = trx_os.discriminator(params, torch.cat([yes, no]))
-        answers = torch.cat([torch.ones(len(yes)), torch.zeros(len(no))])
-        judged = functional.binary_cross_entropy_with_logits(logits, answers)
-        loss = loss + sigma * judged * (len(logits) / (2 * z))
-    return loss, part * float(right.sum() / known.sum())
+    z = int(min(right.sum(), (~known).sum()))
+    if z:
+        judged = torch.cat([chosen[right][:z], chosen[~known][:z]])
+        answers = torch.cat([torch.ones(z), torch.zeros(z)])
+        logits = trx_os.discriminator(params, judged)
+        loss = loss + sigma * functional.binary_cross_entropy_with_logits(logits, answers)
+    return loss, float(right.sum() / known.sum())
