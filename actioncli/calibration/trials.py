@@ -1,23 +1,18 @@
 """Trials of a support set: how it decides about its own examples and about other motions.
 
-Each clip is a query, decided as `Recognizer.classify` would decide it as a whole, for windows of
-long clips are made to accept as many unknown queries as whole clips do:
+Each clip is a query, decided as `Recognizer.classify` would decide it as a whole:
 
-- *known*: an enrolled example against the support set without that example. It needs another
-  example of its action, so false rejects cannot be measured where every action has one.
+- *known*: an enrolled example against the support set without that example; it needs another
+  example of its action.
 - *unknown*, which is falsely accepted whenever it is accepted, of three kinds: `actions`, an
   enrolled example against the support set without its whole action; `negatives`, a stored
   negative against the support set and the other negatives, or a clip that was given for this
   purpose; `cohort`, other people's motions that came with the weights.
 
-An unknown clip counts once, with the action nearest to it: a rate over pairs of clip and action
-would be smaller than what the user meets. Five examples of one action are taken for another
-action all together or not at all, so they count as one *motion* where intervals are computed and
-where a threshold is recommended. Negatives count one by one; they should be varied.
-
-Limits: examples of one person and one session make false rejects look rarer than they are for
-other people and days. A motion of the cohort may happen to show an enrolled action, and the
-weights were trained on the cohort's motions.
+An unknown clip counts once, with the action nearest to it. Five examples of one action are taken
+for another action all together or not at all, so they count as one *motion* in intervals and in
+the choice of a threshold; negatives count one by one. Examples of one person and one session make
+false rejects look rarer than they are, and the weights were trained on the cohort's motions.
 """
 
 from __future__ import annotations

@@ -61,7 +61,6 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
 )
 
 # Beside the exit codes that `actioncli.errors` gives to its exceptions.
-EXIT_REJECTED = 1
 EXIT_USAGE = 2
 EXIT_UNEXPECTED = 70
 EXIT_INTERRUPTED = 130

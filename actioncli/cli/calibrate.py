@@ -90,12 +90,19 @@ def calibrate(
       .false_accepts, .false_rejects, .misnamed: count, of, motions, rate, low, high
     With --reset: tau, kept
     """
+    from actioncli.recognition.threshold import DEFAULT_TAU, Threshold, keep_threshold
+
     if reset:
         if negatives or per_action or dry_run or report:
             raise UsageError(
                 "--reset only forgets: no --negatives, --per-action, --dry-run or --report."
             )
-        _forget(settings)
+        with settings.open_store() as store:
+            keep_threshold(store, None)
+        if settings.json:
+            write_json({"tau": DEFAULT_TAU, "kept": False})
+        elif not settings.quiet:
+            say(f"No threshold is kept; classify uses tau {DEFAULT_TAU:g} unless --tau is given.")
         return
     if not 0 < target_far < 1:
         raise UsageError(f"--target-far must lie between 0 and 1, not {target_far:g}.")
@@ -106,7 +113,6 @@ def calibrate(
     from actioncli.calibration import threshold as calibration
     from actioncli.recognition.recognizer import Recognizer
     from actioncli.recognition.support import SupportSet
-    from actioncli.recognition.threshold import Threshold, keep_threshold
 
     recognizer = Recognizer(weights)
     checksum = recognizer.weights.checksum
@@ -146,17 +152,6 @@ def calibrate(
         say(outcome)
     if failed:
         raise typer.Exit(ClipError.exit_code)
-
-
-def _forget(settings: Settings) -> None:
-    from actioncli.recognition.threshold import DEFAULT_TAU, keep_threshold
-
-    with settings.open_store() as store:
-        keep_threshold(store, None)
-    if settings.json:
-        write_json({"tau": DEFAULT_TAU, "kept": False})
-    elif not settings.quiet:
-        say(f"No threshold is kept; classify uses tau {DEFAULT_TAU:g} unless --tau is given.")
 
 
 def _read(

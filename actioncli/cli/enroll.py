@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from actioncli.clips.clip import Clip
-    from actioncli.recognition.recognizer import Recognizer
 
 
 @command
@@ -84,6 +83,7 @@ def enroll(
       clips[].error: type, message, exit_code
     """
     from actioncli.calibration.enrolment import enrol
+    from actioncli.recognition.recognizer import Recognizer
     from actioncli.store.names import check_label
 
     paths = [Path(label), *(clips or [])] if negative else clips
@@ -94,7 +94,14 @@ def enroll(
     if camera is None and not paths:
         raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
     label = NEGATIVES if negative else check_label(label)
-    recognizer = _recognizer(settings, weights)
+    recognizer: Recognizer | None = None
+    try:
+        recognizer = Recognizer(weights)
+    except WeightsError as error:
+        if weights is not None:
+            raise
+        # Enrolment itself needs none.
+        settings.tell(f"warning: the clips are not checked: {printable(error)}")
     # A clip that the model cannot use would fail every later classification.
     outcomes = list(usable(_given(settings, paths or [], options, camera, seconds), recognizer))
     clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
@@ -143,20 +150,3 @@ def _given(
     except ClipError as unusable:
         outcome = unusable
     return [(Path(f"camera {camera}"), outcome)]
-
-
-def _recognizer(settings: Settings, weights: Path | None) -> Recognizer | None:
-    """What checks new clips; enrolment itself needs no weights.
-
-    Raises:
-        WeightsError: weights that were asked for cannot be used.
-    """
-    from actioncli.recognition.recognizer import Recognizer
-
-    try:
-        return Recognizer(weights)
-    except WeightsError as error:
-        if weights is not None:
-            raise
-        settings.tell(f"warning: the clips are not checked: {printable(error)}")
-        return None
