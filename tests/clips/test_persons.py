@@ -23,7 +23,7 @@ def test_one_person_is_no_choice() -> None:
     assert most_active(recording, "clip") is recording
 
 
-def test_the_one_who_moves_is_taken_and_told() -> None:
+def test_the_one_who_moves_is_taken_and_noted() -> None:
     chosen = most_active(people(standing(), waving()), "clip")
     np.testing.assert_array_equal(chosen.positions[:, 0], waving().astype(np.float32))
     assert len(chosen.notes) == 1

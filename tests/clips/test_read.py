@@ -72,7 +72,7 @@ def test_no_up_axis_mirrors_the_person(tmp_path: Path, up: str) -> None:
 
 @pytest.mark.parametrize("up", ["y", "-y", "z"])
 @pytest.mark.parametrize(("unit", "scale"), [("m", 1), ("cm", 100), ("mm", 1000)])
-def test_unit_and_up_are_inferred_and_told(
+def test_unit_and_up_are_inferred_and_noted(
     tmp_path: Path, up: str, unit: str, scale: float
 ) -> None:
     body = waving() - CENTRE

@@ -99,16 +99,12 @@ def test_archives_that_numpy_never_writes(tmp_path: Path) -> None:
         read(tmp_path / "c.npz")
 
 
-def test_a_directory_of_many_files_is_not_read(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
-        for at in range(20_000):
-            archive.writestr(f"{at}.npy", b"")
-    with pytest.raises(ClipError, match="too large"):
-        read(tmp_path / "a.npz")
-
-
-def test_a_truncated_archive(tmp_path: Path) -> None:
+def test_a_directory_that_is_cut_off_or_too_large(tmp_path: Path) -> None:
     whole = write_npz(tmp_path / "a.npz", waving()).read_bytes()
     (tmp_path / "a.npz").write_bytes(whole[:-100])
-    with pytest.raises(ClipError, match=r"a\.npz: is a damaged"):
-        read(tmp_path / "a.npz")
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as archive:
+        for at in range(20_000):
+            archive.writestr(f"{at}.npy", b"")
+    for name in "ab":
+        with pytest.raises(ClipError, match=rf"{name}\.npz: is a damaged.*missing or too large"):
+            read(tmp_path / f"{name}.npz")

@@ -76,7 +76,7 @@ def test_a_body_whose_place_is_never_a_number(tmp_path: Path, value: float, lost
     assert np.isfinite(recording.positions[20:, 1, 1:]).all()
 
 
-def test_fewer_frames_than_announced_are_told(tmp_path: Path) -> None:
+def test_fewer_frames_than_announced_are_noted(tmp_path: Path) -> None:
     file = write_ntu(tmp_path / "a.skeleton", [[("5", body)] for body in BODY])
     lines = file.read_text().splitlines()
     file.write_text("\n".join(lines[: 1 + 10 * 28]))

@@ -47,7 +47,7 @@ def test_the_rate_from_times(tmp_path: Path) -> None:
     assert read(file).fps == 50
 
 
-def test_fewer_frames_than_announced_are_told(tmp_path: Path) -> None:
+def test_fewer_frames_than_announced_are_noted(tmp_path: Path) -> None:
     file = write_trc(tmp_path / "a.trc", waving())
     file.write_text("\n".join(file.read_text().split("\n")[:16]))
     assert read(file).notes == ("is cut off: 10 of 40 announced frames are there",)
