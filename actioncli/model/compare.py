@@ -12,7 +12,7 @@ from actioncli.clips.clip import FloatArray
 from actioncli.model import trx_os
 from actioncli.model.arrays import Params
 from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import SAME, asked_view, in_view, token_columns, warp_columns
+from actioncli.model.embedding import SAME, in_view, query_view, token_columns, warp_columns
 from actioncli.model.warping import warping_cost
 
 # Support pairs that are compared in one piece: enough for full matrix speed, few enough that
@@ -42,9 +42,9 @@ def scores(
     is the most confident one.
 
     D and the radii cost a fiftieth of T and Disc. So of more than `EXACT` examples only the
-    actions with the largest promise, the logit without T and Disc, are compared in full, and then
-    of as many again those that would be nearest if T and Disc added to their promise `_SLACK` more
-    than to any so far. What is still left is told with the least that they added: never nearer
+    actions with the largest approximate logit, without T and Disc, are compared in full, and then
+    of as many again those that would be nearest if T and Disc added to it `_SLACK` more
+    than to any so far. What is still left gets the least that they added: never nearer
     than what was compared in full.
 
     Args:
@@ -61,7 +61,7 @@ def scores(
     counts = np.array([len(action) for action in actions])
     chosen = None
     if counts.sum() > EXACT:
-        cheap = promise(params, warped)
+        cheap = approximate_logit(params, warped)
         chosen = _largest(cheap, counts, EXACT)
     parts = _parts(params, config, queries, actions, warped, chosen)
     logit = _logit(params, parts)
@@ -78,7 +78,7 @@ def scores(
     return np.exp(np.minimum(-logit, 60)), logit
 
 
-def promise(params: Params, warped: Warped) -> FloatArray:
+def approximate_logit(params: Params, warped: Warped) -> FloatArray:
     """The logit without what T and Disc add, (Q, K): what can be had cheaply."""
     return _logit(params, _unattended(warped))
 
@@ -200,7 +200,7 @@ def _attended(
 class Warped(NamedTuple):
     """What the best example of each action gives, (Q, K) each: the warping cost, the geometric
     mean of the radii, and whether its mirror image suits the query better; and in which view (Q,)
-    the queries were asked, see `asked_view`."""
+    the queries were asked, see `query_view`."""
 
     cost: FloatArray
     radius: FloatArray
@@ -213,7 +213,7 @@ def warp(
 ) -> Warped:
     """Warp queries (Q, F, E) to all examples of K actions and to their mirror images."""
     shape = len(queries), len(actions)
-    view = asked_view(params, config, queries)
+    view = query_view(params, config, queries)
     if not config.warp_width:
         ones = np.ones(shape, np.float32)
         return Warped(ones, ones, np.zeros(shape, np.bool_), view)

@@ -26,7 +26,7 @@ from actioncli.model.warping import warping_cost
 SAME = 1e-3
 
 
-def closing_shapes(config: ModelConfig, cohort: int) -> dict[str, tuple[int, ...]]:
+def finalized_shapes(config: ModelConfig, cohort: int) -> dict[str, tuple[int, ...]]:
     """Name and shape of the tensors that are computed when training is over.
 
     `score.weight` and `score.bias` belong to (-log T, -log of the warping cost, log of the
@@ -59,7 +59,7 @@ def embed(
     if config.warp_width:
         for columns, view in zip(warp_columns(config), views, strict=True):
             embedding[..., columns] = warp_features(config, params["warp.components"], view)
-    asked = asked_view(params, config, embedding)
+    asked = query_view(params, config, embedding)
     for at, (columns, view) in enumerate(zip(token_columns(config), views, strict=True)):
         rows = np.flatnonzero(asked == at) if queries else np.arange(len(frames))
         features = trx_os.psi(params, config, token_features(config, view[rows]))
@@ -88,7 +88,7 @@ def in_view(embedding: FloatArray, columns: Sequence[slice], view: NDArray[np.in
     return np.asarray(both[view, np.arange(len(view))])
 
 
-def asked_view(params: Params, config: ModelConfig, embedding: FloatArray) -> NDArray[np.intp]:
+def query_view(params: Params, config: ModelConfig, embedding: FloatArray) -> NDArray[np.intp]:
     """Which view of clips (N, F, E) is compared when they are queries, (N,): 0 as they are, 1 in
     the mirror.
 

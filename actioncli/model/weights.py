@@ -17,7 +17,7 @@ from actioncli.errors import WeightsError
 from actioncli.files import replacing, weights_file
 from actioncli.model import parts
 from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import closing_shapes
+from actioncli.model.embedding import finalized_shapes
 from actioncli.model.parts_config import METHOD, PartsConfig
 from actioncli.model.trx_os import parameter_shapes
 
@@ -35,7 +35,7 @@ class Weights:
     Attributes:
         config: how to prepare clips and which tensors there are.
         tensors: float32 arrays by name, see `trx_os.parameter_shapes` and
-            `embedding.closing_shapes`.
+            `embedding.finalized_shapes`.
         metadata: recipe, seed, steps, figures, sources, as plain JSON values.
         checksum: SHA-256 over configuration, metadata and tensors, hexadecimal; embeddings of
             one checksum are not comparable with those of another.
@@ -69,7 +69,7 @@ def write_weights(
     """Write weights so that a crash leaves the old file or the new one, never half of one.
 
     Args:
-        tensors: as `parameter_shapes(config)` and `closing_shapes(config, ...)` name them;
+        tensors: as `parameter_shapes(config)` and `finalized_shapes(config, ...)` name them;
             stored in the type they have.
         metadata: JSON values under any name but those of the header itself.
 
@@ -160,7 +160,7 @@ def _configuration(text: str) -> ModelConfig | PartsConfig:
 def _expected_shapes(config: ModelConfig | PartsConfig, cohort: int) -> dict[str, tuple[int, ...]]:
     if isinstance(config, PartsConfig):
         return parts.parameter_shapes(config) | parts.CONFIDENCE_SHAPES
-    return parameter_shapes(config) | closing_shapes(config, cohort)
+    return parameter_shapes(config) | finalized_shapes(config, cohort)
 
 
 def _check_file(file: Path) -> None:

@@ -30,7 +30,7 @@ from actioncli.clips.prepare import prepare
 from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS
 from actioncli.model import compare, trx_os
 from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import asked_view, embed, in_view, token_columns
+from actioncli.model.embedding import embed, in_view, query_view, token_columns
 from actioncli.model.features import mirror
 from actioncli.recognition.recognizer import Recognizer
 
@@ -219,7 +219,7 @@ def _attention(
     """Attention from the query's pairs to those of each example (P, n, P), and each pair's share
     of T (P,)."""
     params, config = recognizer.weights.tensors, recognizer.weights.trx_os
-    view, columns = asked_view(params, config, asked), token_columns(config)
+    view, columns = query_view(params, config, asked), token_columns(config)
     seen = in_view(asked, columns, view)
     query_keys, query_values = (each[0] for each in trx_os.pairs(params, config, seen))
     beside = support[..., columns[view[0] ^ mirrored]]

@@ -21,7 +21,7 @@ import numpy as np
 
 import actioncli
 from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import closing_shapes
+from actioncli.model.embedding import finalized_shapes
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights, read_weights
 
@@ -71,7 +71,7 @@ def untrained(recipe: str) -> actioncli.Recognizer:
     """A recogniser of a recipe that the shipped weights are not of; time depends on sizes alone."""
     config = ModelConfig() if recipe == "paper" else read_weights().trx_os
     random = np.random.default_rng(0)
-    shapes = parameter_shapes(config) | closing_shapes(config, 256)
+    shapes = parameter_shapes(config) | finalized_shapes(config, 256)
     tensors = {
         name: random.standard_normal(shape, dtype=np.float32) / np.float32(shape[0] ** 0.5)
         for name, shape in shapes.items()

@@ -182,11 +182,11 @@ def recall(paths: list[Path], queries: int) -> None:
     random = np.random.default_rng(1)
     asked = random.permutation(len(clips))[:queries]
     # Of each query: whether the nearest was told, whether the decision is the same at a confidence
-    # of one half, and the nearest's place in the order of promise.
+    # of one half, and the nearest's place in the order of approximate logits.
     told: dict[tuple[int, bool], list[tuple[bool, bool, int]]] = {}
     for number, one in enumerate(asked, start=1):
         query = clips[one : one + 1]
-        promise = compare.promise(params, compare.warp(params, config, query, actions))[0]
+        cheap = compare.approximate_logit(params, compare.warp(params, config, query, actions))[0]
         # Never the query itself or its mirror image.
         others = np.arange(len(everything)) % len(clips) != one
         full: dict[int, float] = {}
@@ -196,8 +196,8 @@ def recall(paths: list[Path], queries: int) -> None:
                 picked = shuffled[:size]
                 logit = compare.scores(params, config, query, [actions[k] for k in picked])[1][0]
                 best = float(logit.max())
-                ordered = picked[np.argsort(-promise[picked])]
-                possible = ordered[promise[ordered] + MOST >= best]
+                ordered = picked[np.argsort(-cheap[picked])]
+                possible = ordered[cheap[ordered] + MOST >= best]
                 missing = [k for k in possible if k not in full]
                 for at in range(0, len(missing), compare.EXACT):
                     # So few are always compared in full.

@@ -292,7 +292,7 @@ def test_a_short_list_decides_as_the_exact_comparison(
     np.testing.assert_allclose(
         compare.sigmoid(logit.max(axis=1)), compare.sigmoid(exact.max(axis=1)), atol=1e-5
     )
-    # What was left out is told as less likely than it is, and never before what was compared.
+    # What was left out is given as less likely than it is, and never before what was compared.
     left_out = ~np.logical_or.reduce(in_full)
     assert left_out.any()
     np.testing.assert_allclose(logit[~left_out], exact[~left_out], atol=1e-4)
@@ -319,21 +319,21 @@ def test_the_rule_of_the_short_list(
     weight, bias = weights.tensors["score.weight"], weights.tensors["score.bias"][0]
     counted, every = [], []
     for query, (t, cost, radius, disc) in enumerate(np.moveaxis(parts, -1, 1)):
-        promise = -weight[1] * np.log(cost) + weight[2] * np.log(radius) + bias
-        full = promise - weight[0] * np.log(t) + weight[3] * disc
-        added = full - promise
-        order = np.argsort(-promise)
+        cheap = -weight[1] * np.log(cost) + weight[2] * np.log(radius) + bias
+        full = cheap - weight[0] * np.log(t) + weight[3] * disc
+        added = full - cheap
+        order = np.argsort(-cheap)
         before = np.cumsum([0, *(len(actions[k]) for k in order[:-1])])
         first = [k for at, k in enumerate(order) if before[at] < exact or at < fewest]
         beyond = [k for at, k in enumerate(order) if before[at] < at_most and k not in first]
         enough = full[first].max() - added[first].max() - slack
-        compared = first + [k for k in beyond if promise[k] >= enough]
-        told = promise + added[compared].min()
-        told[compared] = full[compared]
+        compared = first + [k for k in beyond if cheap[k] >= enough]
+        lowest = cheap + added[compared].min()
+        lowest[compared] = full[compared]
         counted.append((len(compared) - len(first), len(beyond)))
         logit = compare.scores(weights.tensors, weights.config, queries[[query]], actions)[1][0]
-        np.testing.assert_allclose(logit, told, atol=1e-3)
-        every.append(told)
+        np.testing.assert_allclose(logit, lowest, atol=1e-3)
+        every.append(lowest)
     together = compare.scores(weights.tensors, weights.config, queries, actions)[1]
     np.testing.assert_allclose(together, every, atol=1e-3)
     # Of some queries there are rivals, of some not all.
@@ -363,7 +363,7 @@ def test_no_more_are_compared_than_take_half_a_second(
     weight, bias = weights.tensors["score.weight"], weights.tensors["score.bias"]
     full = compare.weighted(exact) @ weight + bias
     logit = compare.scores(weights.tensors, weights.config, varied[:5], actions)[1]
-    # Each query with the twenty that promise most, and no other.
+    # Each query with the twenty with the largest approximate logit, and no other.
     assert (np.isclose(logit, full, atol=1e-4).sum(axis=1) == 20).all()
 
 

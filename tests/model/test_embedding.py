@@ -11,7 +11,7 @@ from model.test_compare import DEFAULT, PAPER, frames, motions, random_model
 
 from actioncli.clips.read import read_clip
 from actioncli.model import compare
-from actioncli.model.embedding import asked_view, embed, in_view, token_columns, warp_columns
+from actioncli.model.embedding import embed, in_view, query_view, token_columns, warp_columns
 from actioncli.model.features import mirror
 from actioncli.recognition.recognizer import Recognizer
 
@@ -27,7 +27,7 @@ def test_the_mirror_image_holds_the_same_views_exchanged() -> None:
                 plain[..., columns[view]], seen[..., columns[1 - view]], atol=1e-4
             )
     # Asked the same, with as much room around.
-    view, other = (asked_view(params, DEFAULT, each) for each in (plain, seen))
+    view, other = (query_view(params, DEFAULT, each) for each in (plain, seen))
     np.testing.assert_array_equal(view, 1 - other)
     np.testing.assert_allclose(
         in_view(plain, token_columns(DEFAULT), view),
@@ -64,7 +64,7 @@ def test_the_side_that_moves_is_asked_as_the_right_one() -> None:
     params, config = recognizer.weights.tensors, recognizer.weights.config
     for action, view in (("wave_right", 0), ("kick_right", 0), ("wave_left", 1)):
         clips = [read_clip(path) for path in sorted((EXAMPLES / action).glob("*.npz"))]
-        found = asked_view(params, config, recognizer.embed(clips))
+        found = query_view(params, config, recognizer.embed(clips))
         assert found.tolist() == [view] * len(clips), action
 
 
@@ -75,4 +75,4 @@ def test_without_mirroring_there_is_one_view(config) -> None:  # type: ignore[no
     params = random_model(config)
     embedding = embed(params, config, frames(config, motions(3)))
     assert embedding.shape[2] == config.view_width + bool(config.neighbours)
-    assert asked_view(params, config, embedding).tolist() == [0, 0, 0]
+    assert query_view(params, config, embedding).tolist() == [0, 0, 0]

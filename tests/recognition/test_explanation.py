@@ -9,7 +9,7 @@ from actioncli import Clip, Recognizer, read_clip
 from actioncli.clips.prepare import Preparation
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import closing_shapes
+from actioncli.model.embedding import finalized_shapes
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights, read_weights
 from actioncli.recognition.explanation import explain
@@ -20,7 +20,7 @@ OTHER = ModelConfig(Preparation(joints=("pelv", "lwri", "rwri", "nose")))
 
 def untrained(config: ModelConfig) -> Recognizer:
     rng = np.random.default_rng(0)
-    shapes = parameter_shapes(config) | closing_shapes(config, cohort=9)
+    shapes = parameter_shapes(config) | finalized_shapes(config, cohort=9)
     tensors = {
         name: rng.normal(0, 0.05, shape).astype(np.float32) for name, shape in shapes.items()
     }
