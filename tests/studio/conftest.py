@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from actioncli.recognition.threshold import keep_threshold
 from actioncli.studio.app import Studio
 from actioncli.studio.scratch import Scratch
-from actioncli.studio.support import SupportSet
+from actioncli.studio.support import SharedSupport
 
 from .browsing import CHROMIUM, FILM, OPTIONS, opened, write_film
 from .serving import Client, serving
@@ -30,7 +30,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def served(home: Path) -> Iterator[tuple[Studio, str]]:
     """The studio, and its address."""
     scratch = Scratch()
-    studio = Studio(SupportSet(), scratch)
+    studio = Studio(SharedSupport(), scratch)
     with serving(studio.app()) as address:
         yield studio, address
     studio.close()

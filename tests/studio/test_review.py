@@ -13,7 +13,7 @@ from actioncli.live.events import Event
 from actioncli.live.recorder import Recorder
 from actioncli.recognition.threshold import Threshold
 from actioncli.studio.review import Review
-from actioncli.studio.support import SupportSet
+from actioncli.studio.support import SharedSupport
 
 from .browsing import DESKTOP, PHONE, check, opened
 from .serving import EXAMPLES, Client, serving
@@ -36,7 +36,7 @@ def folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def review(folder: Path, tmp_path: Path) -> Iterator[tuple[Review, Client]]:
     """The page of that folder, for a support set that knows squats."""
-    support = SupportSet(tmp_path / "support.db")
+    support = SharedSupport(tmp_path / "support.db")
     support.store.enroll("squat", read_clip(EXAMPLES / "squat/ben.npz"))
     review = Review(support, folder)
     with serving(review.app()) as address:
