@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from actioncli.calibration.enrolment import enrol
     from actioncli.clips.clip import Clip
     from actioncli.clips.collection import Collection, read_collection
-    from actioncli.clips.read import read_clip
-    from actioncli.pose.video import read_video_clip
+    from actioncli.live.events import Event
+    from actioncli.live.watching import watch
+    from actioncli.pose.read import read_clip, read_video_clip
     from actioncli.recognition.decision import Comparison, Decision
     from actioncli.recognition.recognizer import Recognizer
     from actioncli.recognition.support import SupportSet
@@ -39,6 +40,7 @@ __all__ = [
     "Collection",
     "Comparison",
     "Decision",
+    "Event",
     "Recognizer",
     "StoreError",
     "SupportError",
@@ -51,20 +53,23 @@ __all__ = [
     "read_clip",
     "read_collection",
     "read_video_clip",
+    "watch",
 ]
 
 _MODULE_OF = {
     "Clip": "actioncli.clips.clip",
     "Collection": "actioncli.clips.collection",
     "read_collection": "actioncli.clips.collection",
-    "read_clip": "actioncli.clips.read",
-    "read_video_clip": "actioncli.pose.video",
+    "read_clip": "actioncli.pose.read",
+    "read_video_clip": "actioncli.pose.read",
     "Comparison": "actioncli.recognition.decision",
     "Decision": "actioncli.recognition.decision",
     "Recognizer": "actioncli.recognition.recognizer",
     "SupportSet": "actioncli.recognition.support",
     "SupportStore": "actioncli.store.store",
+    "Event": "actioncli.live.events",
     "enrol": "actioncli.calibration.enrolment",
+    "watch": "actioncli.live.watching",
 }
 
 

@@ -22,13 +22,14 @@ import cv2
 import numpy as np
 
 from actioncli.clips.clip import Clip
-from actioncli.live.events import STRIDE, Event, Spotter
+from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream, file_frames
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.region import Image
 from actioncli.pose.video import read_video_clip
 from actioncli.recognition.recognizer import Recognizer
-from actioncli.recognition.threshold import DEFAULT_TAU, Threshold
+from actioncli.recognition.support import SupportSet
+from actioncli.recognition.threshold import DEFAULT_TAU
 
 # The joined video: size, frame rate, and seconds that a clip may take of it.
 SIZE, FPS, LONGEST = (640, 480), 25, 8.0
@@ -109,16 +110,16 @@ def join(parts: Sequence[Recording], path: Path) -> list[tuple[str, float, float
     return truth
 
 
-def watched(path: Path, spotter: Spotter, quality: str) -> list[Event]:
+def watched(path: Path, detector: EventDetector, quality: str) -> list[Event]:
     """The events in a video."""
-    poses = PoseStream(quality, seconds=max(spotter.windows) + 1)
+    poses = PoseStream(quality, seconds=max(detector.windows) + 1)
     events, looked = [], -STRIDE
     for frame in file_frames(VideoFile(path)):
         poses.add(frame)
         if frame.time - looked >= STRIDE:
             looked = frame.time
-            events += spotter.look(poses.clip(), frame.time)
-    return events + spotter.finish()
+            events += detector.update(poses.clip(), frame.time)
+    return events + detector.finish()
 
 
 @dataclass
@@ -183,13 +184,12 @@ def watching(
         chosen = ways[way]
         rest = [one for one in recordings if one not in chosen]
         parts = [rest[n] for n in random.permutation(len(rest))]
-        support = {one.label: recognizer.embed([one.clip]) for one in chosen}
-        lengths = [one.clip.duration for one in chosen]
-        spotter = Spotter(recognizer, support, Threshold(DEFAULT_TAU, ""), lengths)
+        support = SupportSet.from_clips({one.label: [one.clip] for one in chosen}, recognizer)
+        detector = EventDetector(support)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "joined.mp4")
             truth = join(parts, path)
-            events = watched(path, spotter, quality)
+            events = watched(path, detector, quality)
         tally.add(events, [one for one in truth if one[0] in actions])
     return tally.row()
 

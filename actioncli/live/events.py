@@ -36,7 +36,7 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
+class Candidate:
     """What one look says about one action: the best window's confidence, and its beginning."""
 
     label: str
@@ -44,7 +44,7 @@ class Sighting:
     start: float
 
 
-class Spotter:
+class EventDetector:
     """Finds events in a stream.
 
     Attributes:
@@ -52,12 +52,12 @@ class Spotter:
         ranking: what the last look said, surest first.
     """
 
-    ranking: tuple[Sighting, ...] = ()
+    ranking: tuple[Candidate, ...] = ()
     _event: Event | None = None
     # Looks above tau in a row, all at one action.
-    _rising: tuple[Sighting, ...] = ()
+    _rising: tuple[Candidate, ...] = ()
     _quiet = 0
-    _last_end = -np.inf
+    _last_end = 0.0
 
     def __init__(self, support: SupportSet) -> None:
         """Prepare; a window that is nearest to a negative shows no action."""
@@ -73,7 +73,7 @@ class Spotter:
         """The event that is going on."""
         return self._event
 
-    def look(self, clip: Clip | None, now: float) -> list[Event]:
+    def update(self, clip: Clip | None, now: float) -> list[Event]:
         """Look at the stream as it is now.
 
         Args:
@@ -82,7 +82,7 @@ class Spotter:
         Returns:
             Events that are over.
         """
-        self.ranking = self._sightings(clip, now) if clip is not None else ()
+        self.ranking = self._candidates(clip, now) if clip is not None else ()
         best = self.ranking[0] if self.ranking else None
         if best is not None and best.confidence > self._threshold.of(best.label):
             same = self._rising and self._rising[-1].label == best.label
@@ -101,7 +101,7 @@ class Spotter:
         """The event that the end of the stream cuts off, if there is one."""
         return self._close() if self._event is not None else []
 
-    def _carry_on(self, event: Event, begins: Sighting | None, now: float) -> list[Event]:
+    def _carry_on(self, event: Event, begins: Candidate | None, now: float) -> list[Event]:
         held = [seen for seen in self.ranking if seen.label == event.label]
         challenged = begins is not None and begins.label != event.label
         holds = _HOLDS * self._threshold.of(event.label)
@@ -118,7 +118,7 @@ class Spotter:
         self._last_end = event.end
         return [event]
 
-    def _sightings(self, clip: Clip, now: float) -> tuple[Sighting, ...]:
+    def _candidates(self, clip: Clip, now: float) -> tuple[Candidate, ...]:
         """The best window of each action that is a window's nearest."""
         parts = []
         for seconds in self.windows:
@@ -133,7 +133,7 @@ class Spotter:
         if not parts:
             return ()
         comparison = self._recognizer.compare([part for _, part in parts], self._support)
-        best: dict[str, Sighting] = {}
+        best: dict[str, Candidate] = {}
         for row, (seconds, _) in enumerate(parts):
             nearest = int(comparison.distance[row].argmin())
             label = str(comparison.labels[nearest])
@@ -141,5 +141,5 @@ class Spotter:
             if label not in self._actions:
                 continue
             if label not in best or sure > best[label].confidence:
-                best[label] = Sighting(label, sure, now - seconds)
+                best[label] = Candidate(label, sure, now - seconds)
         return tuple(sorted(best.values(), key=lambda seen: -seen.confidence))

@@ -16,7 +16,7 @@ from actioncli.files import replacing
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.live.events import Event, Sighting
+    from actioncli.live.events import Candidate, Event
     from actioncli.recognition.threshold import Threshold
 
 # A look with a confidence this far from tau, or less, is near.
@@ -102,15 +102,15 @@ class Recorder:
             raise UsageError(f"{folder}: cannot be made: {error.strerror}.") from error
         self._folder, self._threshold, self._source = folder, threshold, source
         self._seen: tuple[Clip, float] | None = None
-        self._near: tuple[Sighting, Clip, float] | None = None
+        self._near: tuple[Candidate, Clip, float] | None = None
         self._quiet = 0
         self._event_end = float("-inf")
 
-    def look(
+    def update(
         self,
         clip: Clip | None,
         now: float,
-        ranking: Sequence[Sighting],
+        ranking: Sequence[Candidate],
         events: Sequence[Event],
         busy: bool,
     ) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError
+from actioncli.pose.camera import LiveSource
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT, Body, LandmarkEstimator
@@ -80,6 +83,74 @@ class PoseStream:
             return poses.to_clip("stream")
         except ClipError:  # the picture has not moved at all
             return None
+
+
+class VideoStream:
+    """A camera, an address or a file, with the person in it; see `watching.Stream`."""
+
+    seen = False
+
+    def __init__(self, source: int | str | Path, quality: str, seconds: float) -> None:
+        """Open the source; of it so many seconds are remembered.
+
+        Raises:
+            ClipError: it cannot be opened.
+        """
+        self._poses = PoseStream(quality, seconds)
+        self._source, self._begun = open_source(source), time.monotonic()
+
+    def times(self) -> Iterator[float]:
+        """As frames come."""
+        source = self._source
+        frames = source.frames() if isinstance(source, LiveSource) else file_frames(source)
+        for frame in frames:
+            self._poses.add(frame)
+            self.seen = self._poses.body is not None
+            yield frame.time
+
+    def clip(self) -> Clip | None:
+        """The last seconds."""
+        return self._poses.clip()
+
+    def state(self, now: float) -> str:
+        """The time left in a file, or the frames that a camera dropped."""
+        source = self._source
+        if isinstance(source, LiveSource):
+            return f"{source.dropped} dropped"
+        spent = time.monotonic() - self._begun
+        left = spent * max(source.duration / max(now, 1e-3) - 1, 0)
+        return f"{left:.0f} s left" if source.duration else ""
+
+    def end(self, frames: int) -> str | None:
+        """What a file lacks, or that the stream has ended.
+
+        Raises:
+            ClipError: not even two frames.
+        """
+        source = self._source
+        if isinstance(source, LiveSource):
+            return "the stream has ended"
+        if frames < 2:
+            shown = "one frame" if frames else "no frame that can be decoded"
+            raise ClipError(f"{source.path}: {shown}; an action needs a moving sequence.")
+        return source.shortfall()
+
+    def close(self) -> None:
+        """Release a camera."""
+        if isinstance(self._source, LiveSource):
+            self._source.close()
+
+
+def open_source(source: int | str | Path) -> LiveSource | VideoFile:
+    """A camera by its number, an address such as rtsp://host/stream, or a video file.
+
+    Raises:
+        ClipError: it cannot be opened.
+    """
+    name = str(source)
+    if name.isdecimal():
+        return LiveSource(int(name))
+    return LiveSource(name) if "://" in name else VideoFile(Path(name))
 
 
 def file_frames(video: VideoFile) -> Iterator[Frame]:

@@ -59,12 +59,54 @@ def is_video(path: str | Path) -> bool:
     return Path(path).suffix.lower() in VIDEO_SUFFIXES
 
 
+def read_clip(
+    path: str | Path,
+    layout: str | None = None,
+    fps: float | None = None,
+    unit: str | float | None = None,
+    up: str | None = None,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    quality: str | None = None,
+    person: int | None = None,
+    cache: bool = True,
+    progress: Callable[[Progress], None] | None = None,
+) -> Clip:
+    """Read one person's clip from a file of joints or a video, whichever its name says.
+
+    Args:
+        path: the file.
+        layout, fps, unit, up: of files of joints: names the joints in column order, frames a
+            second, unit of length (m, cm, mm, in, or metres per unit), axis that points up. They
+            win over what the file states.
+        start, end: of videos, seconds between which the action is; found from the motion where
+            they are not given.
+        quality: pose network for videos, "fast" or "accurate".
+        person: whom to follow in a video, 1 is the leftmost; whoever moves most where None.
+        cache: keep poses of videos for the next time.
+        progress: called now and then while a video is read.
+
+    Raises:
+        ClipError: the file cannot be read or does not hold a clip.
+        AmbiguousClipError: an option must say what the file does not.
+        UsageError: an option has an impossible value, or means nothing for this kind of file.
+        WeightsError: a pose network is missing or damaged.
+    """
+    options = ReadOptions(layout, fps, unit, up, start, end, quality, person, cache)
+    return read_any(path, options, progress)
+
+
+# For videos alone there was another function.
+read_video_clip = read_clip
+
+
 def read_any(
     path: str | Path,
     options: ReadOptions | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Clip:
-    """Read a clip with `read_video_clip` or `read_clip`, whichever fits the file's name.
+    """Read a clip from a file of joints or a video, whichever its name says.
 
     Args:
         options: what only says how to look at a video (`quality`, `cache`, `metrabs`) means
@@ -75,7 +117,8 @@ def read_any(
         UsageError: an option that would change nothing, such as `fps` for a video.
         ClipError: see the two functions.
     """
-    from actioncli.clips.read import CLIP_SUFFIXES, read_clip
+    from actioncli.clips.read import CLIP_SUFFIXES
+    from actioncli.clips.read import read_clip as read_joints
 
     options = options or ReadOptions()
     file = Path(path)
@@ -92,7 +135,7 @@ def read_any(
             f"{file}: {wrong}; clips end in {', '.join(CLIP_SUFFIXES)}, videos in "
             f"{', '.join(sorted(VIDEO_SUFFIXES))}."
         )
-    return read_clip(file, options.layout, options.fps, options.unit, options.up)
+    return read_joints(file, options.layout, options.fps, options.unit, options.up)
 
 
 def read_person(
@@ -108,7 +151,7 @@ def read_person(
         from actioncli.pose.metrabs import read_metrabs_clip
 
         return read_metrabs_clip(path, options.metrabs, *part, options.person, progress)
-    from actioncli.pose.video import DEFAULT_QUALITY, read_video_clip
+    from actioncli.pose import video
 
-    quality = options.quality or DEFAULT_QUALITY
-    return read_video_clip(path, *part, quality, options.person, options.cache, progress)
+    quality = options.quality or video.DEFAULT_QUALITY
+    return video.read_video_clip(path, *part, quality, options.person, options.cache, progress)

@@ -14,7 +14,7 @@ import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from actioncli.errors import ActionCliError, UsageError
-from actioncli.live.events import STRIDE, Event, Spotter
+from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream
 from actioncli.pose.annotate import bones
 from actioncli.pose.frames import Frame
@@ -44,7 +44,7 @@ class Camera:
         """
         self._support = support
         self._tau: float | None = None
-        self._spotter: Spotter | None = None
+        self._detector: EventDetector | None = None
         self._used: tuple[SupportSet, float | None] | None = None
         self._poses, self._memory = PoseStream(DEFAULT_QUALITY, _MEMORY), _MEMORY
         self._time, self._looked = -math.inf, -math.inf
@@ -66,8 +66,8 @@ class Camera:
         if frame.time - self._looked >= STRIDE:
             self._looked = frame.time
             self._follow_support()
-            if self._spotter is not None:
-                over = self._spotter.look(self._poses.clip(), frame.time)
+            if self._detector is not None:
+                over = self._detector.update(self._poses.clip(), frame.time)
         return self._told(over)
 
     def _decoded(self, message: bytes) -> Frame:
@@ -89,12 +89,12 @@ class Camera:
         if self._used == (loaded, self._tau):
             return
         self._used = loaded, self._tau
-        self._spotter = None
+        self._detector = None
         if loaded.actions:
             support = loaded if self._tau is None else loaded.with_tau(self._tau)
             self._threshold = support.threshold
-            self._spotter = Spotter(support)
-            needed = max(self._spotter.windows) + 1
+            self._detector = EventDetector(support)
+            needed = max(self._detector.windows) + 1
             if needed > self._memory:
                 self._poses, self._memory = PoseStream(DEFAULT_QUALITY, needed), needed
 
@@ -107,13 +107,13 @@ class Camera:
                 [round(float(x) / width, 4), round(float(y) / height, 4), round(float(sure), 2)]
                 for (x, y), sure in zip(body.points, body.visibility, strict=False)
             ]
-        spotter = self._spotter
-        if spotter is not None:
+        detector = self._detector
+        if detector is not None:
             told["ranking"] = [
-                {"label": seen.label, "confidence": seen.confidence} for seen in spotter.ranking
+                {"label": seen.label, "confidence": seen.confidence} for seen in detector.ranking
             ]
             told["tau"] = self._threshold.tau
-            current = spotter.current
+            current = detector.current
             told["current"] = None if current is None else current.label
             told["events"] = [
                 {"label": e.label, "seconds": e.end - e.start, "confidence": e.confidence}

@@ -24,7 +24,7 @@ def seen(tmp_path: Path) -> Path:
     for label in ("squat", "wave", "bow"):
         clip = read_clip(EXAMPLES / "squat/ada.npz")
         event = Event(label, 0.1 * len(label), clip.duration, 0.6)
-        recorder.look(clip, clip.duration, [], [event], False)
+        recorder.update(clip, clip.duration, [], [event], False)
     return folder
 
 

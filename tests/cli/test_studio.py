@@ -175,7 +175,7 @@ def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_pat
     folder = tmp_path / "seen"
     clip = read_clip(EXAMPLES / "squat/ada.npz")
     event = Event("squat", 0.0, clip.duration, 0.6)
-    Recorder(folder, Threshold(0.5, ""), "0").look(clip, clip.duration, [], [event], False)
+    Recorder(folder, Threshold(0.5, ""), "0").update(clip, clip.duration, [], [event], False)
     child = start("review", folder, "--page", "--no-open")
     address = line(child).strip()
     assert status(address) == 200

@@ -352,6 +352,27 @@ def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) 
     assert re.search(r"squat +[01]\.\d\d", text)
 
 
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
+def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Path) -> None:
+    """Both streams go to one terminal, as they do for who just types the command."""
+    pyte = pytest.importorskip("pyte", reason="needs the extra dev")
+    store.enroll("wave", read_clip(waving, start=0.2, end=1.5))
+    terminal, side = os.openpty()
+    words = [sys.executable, "-m", "actioncli", "watch", str(waving), "--tau", "0"]
+    screen = pyte.Screen(100, 40)
+    stream = pyte.ByteStream(screen)
+    with subprocess.Popen(words, stdout=side, stderr=side) as watching:
+        os.close(side)
+        with contextlib.suppress(OSError):
+            while part := os.read(terminal, 65536):
+                stream.feed(part)
+    os.close(terminal)
+    assert watching.returncode == 0
+    left = [line.strip() for line in screen.display if line.strip()]
+    assert re.fullmatch(r"\d+\.\d s  to +\d+\.\d s  wave  \(confidence [01]\.\d\d\)", left[0]), left
+    assert not any("frames/s" in line for line in left)  # the view is gone
+
+
 def test_watch_needs_actions(invoke: Invoke) -> None:
     assert invoke("watch", "a.mp4").exit_code == 4
 
@@ -449,6 +470,7 @@ def test_the_commands_of_the_readme(
 ) -> None:
     """All of its section on videos, in order; a recorded person stands before the camera."""
     monkeypatch.setattr("actioncli.pose.camera.LiveSource", Paced)
+    monkeypatch.setattr("actioncli.live.stream.LiveSource", Paced)
     monkeypatch.chdir(tmp_path)
     videos = shared / "video"
     part_of(videos / "squat" / "darebeeW.mp4", tmp_path / "squat.mp4", 4)

@@ -9,37 +9,40 @@ import pytest
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
-from actioncli.live.events import STRIDE, Event, Sighting, Spotter
+from actioncli.errors import SupportError
+from actioncli.live.events import STRIDE, Candidate, Event, EventDetector
+from actioncli.live.watching import watch
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights
 from actioncli.recognition.decision import Comparison
 from actioncli.recognition.recognizer import Recognizer
+from actioncli.recognition.support import SupportSet
 from actioncli.recognition.threshold import Threshold
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-class Scripted(Spotter):
+class Scripted(EventDetector):
     """Sees what it is told to see, so that hysteresis can be tested by itself."""
 
     def __init__(self, tau: float = 0.5) -> None:
         self.windows = (1.0,)
         self._threshold = Threshold(tau, "", {"bow": 0.9})
 
-    def _sightings(self, clip: Clip | None, now: float) -> tuple[Sighting, ...]:
+    def _candidates(self, clip: Clip | None, now: float) -> tuple[Candidate, ...]:
         return self.script
 
     def run(self, *looks: Sequence[tuple[str, float]]) -> list[Event]:
         found = []
         for n, look in enumerate(looks):
             now = n * STRIDE
-            self.script = tuple(Sighting(label, sure, now - 1) for label, sure in look)
-            found += self.look(CLIP, now)
+            self.script = tuple(Candidate(label, sure, now - 1) for label, sure in look)
+            found += self.update(CLIP, now)
         return found + self.finish()
 
-    def see(self, now: float, *sightings: Sighting) -> list[Event]:
+    def see(self, now: float, *sightings: Candidate) -> list[Event]:
         self.script = sightings
-        return self.look(CLIP, now)
+        return self.update(CLIP, now)
 
 
 CLIP = Clip(np.random.default_rng(0).random((5, 15, 3)), DEFAULT_JOINTS)
@@ -84,14 +87,14 @@ def test_a_short_doubt_does_not_end_it() -> None:
 
 
 def test_an_event_begins_with_the_second_look_in_a_row() -> None:
-    spotter = Scripted()
-    assert (spotter.current, spotter.finish()) == (None, [])
-    assert spotter.see(3.0, Sighting("wave", 0.8, 2.0)) == []
-    assert spotter.current is None
-    assert spotter.see(3.25, Sighting("wave", 0.7, 1.5), Sighting("squat", 0.6, 2.0)) == []
-    assert spotter.current == Event("wave", 1.5, 3.25, 0.8)
-    assert spotter.finish() == [Event("wave", 1.5, 3.25, 0.8)]
-    assert spotter.current is None
+    detector = Scripted()
+    assert (detector.current, detector.finish()) == (None, [])
+    assert detector.see(3.0, Candidate("wave", 0.8, 2.0)) == []
+    assert detector.current is None
+    assert detector.see(3.25, Candidate("wave", 0.7, 1.5), Candidate("squat", 0.6, 2.0)) == []
+    assert detector.current == Event("wave", 1.5, 3.25, 0.8)
+    assert detector.finish() == [Event("wave", 1.5, 3.25, 0.8)]
+    assert detector.current is None
 
 
 def test_looks_at_different_actions_are_not_in_a_row() -> None:
@@ -108,36 +111,36 @@ def test_confidence_must_exceed_the_threshold_of_the_action() -> None:
 
 @pytest.mark.parametrize(("label", "tau"), [("wave", 0.5), ("bow", 0.9)])
 def test_an_event_ends_with_the_third_look_that_does_not_hold_it(label: str, tau: float) -> None:
-    spotter = Scripted()
-    high, low = Sighting(label, tau + 0.05, 0), Sighting(label, 0.8 * tau, 0)
-    holding = Sighting(label, 0.81 * tau, 0)
+    detector = Scripted()
+    high, low = Candidate(label, tau + 0.05, 0), Candidate(label, 0.8 * tau, 0)
+    holding = Candidate(label, 0.81 * tau, 0)
     for look in range(5):
-        assert spotter.see(look, high) == []
+        assert detector.see(look, high) == []
     # Every look that holds it starts the count anew, and the end is when it was held last.
-    looks = [low, holding, low, low, holding, Sighting(label, tau + 0.08, 0), low, low]
+    looks = [low, holding, low, low, holding, Candidate(label, tau + 0.08, 0), low, low]
     for look, seen in enumerate(looks, 5):
-        assert spotter.see(look, seen) == []
-    assert spotter.current == Event(label, 0, 10, tau + 0.08)
-    assert spotter.see(20, low) == [Event(label, 0, 10, tau + 0.08)]
-    assert spotter.current is None
+        assert detector.see(look, seen) == []
+    assert detector.current == Event(label, 0, 10, tau + 0.08)
+    assert detector.see(20, low) == [Event(label, 0, 10, tau + 0.08)]
+    assert detector.current is None
     # The next one begins after it, whatever its window says.
-    assert spotter.see(21, high) == []
-    assert spotter.see(22, high) == []
-    assert spotter.current == Event(label, 10, 22, tau + 0.05)
+    assert detector.see(21, high) == []
+    assert detector.see(22, high) == []
+    assert detector.current == Event(label, 10, 22, tau + 0.05)
 
 
 def test_an_event_is_held_by_its_own_action_only() -> None:
-    spotter = Scripted()
-    wave, squat = Sighting("wave", 0.9, 0), Sighting("squat", 0.6, 0)
+    detector = Scripted()
+    wave, squat = Candidate("wave", 0.9, 0), Candidate("squat", 0.6, 0)
     for look in range(3):
-        spotter.see(look, wave)
+        detector.see(look, wave)
     # Not the surest, but sure enough.
-    assert spotter.see(3, Sighting("bow", 0.89, 0), wave) == []
-    assert spotter.current == Event("wave", 0, 3, 0.9)
-    assert spotter.see(4, squat) == []
-    assert spotter.current == Event("wave", 0, 3, 0.9)
-    assert spotter.see(5, squat, wave) == [Event("wave", 0, 3, 0.9)]
-    assert spotter.current == Event("squat", 3, 5, 0.6)
+    assert detector.see(3, Candidate("bow", 0.89, 0), wave) == []
+    assert detector.current == Event("wave", 0, 3, 0.9)
+    assert detector.see(4, squat) == []
+    assert detector.current == Event("wave", 0, 3, 0.9)
+    assert detector.see(5, squat, wave) == [Event("wave", 0, 3, 0.9)]
+    assert detector.current == Event("squat", 3, 5, 0.6)
 
 
 class OnALine(Recognizer):
@@ -170,13 +173,20 @@ def at(*places: float) -> FloatArray:
     return np.array(places, np.float32).reshape(-1, 1, 1)
 
 
-def spot(actions: dict[str, float], *negatives: float, clip: Clip) -> tuple[Sighting, ...]:
+def detector_of(
+    support: dict[str, FloatArray], tau: float, seconds: float, *negatives: float
+) -> EventDetector:
+    durations = dict.fromkeys(support, seconds)
+    return EventDetector(SupportSet(LINE, support, at(*negatives), durations, Threshold(tau, "")))
+
+
+def spot(actions: dict[str, float], *negatives: float, clip: Clip) -> tuple[Candidate, ...]:
     support = {label: at(place) for label, place in actions.items()}
-    spotter = Spotter(LINE, support, Threshold(0.5, ""), [2.0], at(*negatives))
-    assert spotter.windows == pytest.approx(LENGTHS)
-    assert spotter.ranking == ()
-    spotter.look(clip, 10.0)
-    return spotter.ranking
+    detector = detector_of(support, 0.5, 2.0, *negatives)
+    assert detector.windows == pytest.approx(LENGTHS)
+    assert detector.ranking == ()
+    detector.update(clip, 10.0)
+    return detector.ranking
 
 
 def test_a_look_tells_the_best_window_of_each_action_surest_first() -> None:
@@ -213,39 +223,37 @@ def test_windows_that_are_nearest_to_a_negative_show_no_action() -> None:
 
 
 def test_nobody_to_be_seen_is_nothing_to_be_found() -> None:
-    spotter = Spotter(LINE, {"bow": at(9.0)}, Threshold(0.1, ""), [2.0])
-    assert spotter.look(until(10), 10.0) == spotter.look(until(10.25), 10.25) == []
-    assert spotter.current is not None
-    assert [spotter.look(None, 10.5 + look) for look in range(2)] == [[], []]
-    assert spotter.ranking == ()
-    assert spotter.look(None, 13.0) != []
+    detector = detector_of({"bow": at(9.0)}, 0.1, 2.0)
+    assert detector.update(until(10), 10.0) == detector.update(until(10.25), 10.25) == []
+    assert detector.current is not None
+    assert [detector.update(None, 10.5 + look) for look in range(2)] == [[], []]
+    assert detector.ranking == ()
+    assert detector.update(None, 13.0) != []
 
 
 def test_the_stream_is_kept_for_eight_seconds() -> None:
-    assert Spotter(LINE, {"bow": at(9.0)}, Threshold(0.5, ""), [600.0]).windows[-1] == 8
+    assert detector_of({"bow": at(9.0)}, 0.5, 600.0).windows[-1] == 8
 
 
-def test_with_the_shipped_model() -> None:
+def test_a_clip_is_watched_as_a_recorded_stream() -> None:
     """A squat between rests is found where it is, and nothing else is."""
-    recognizer = Recognizer()
-    squat = read_clip(EXAMPLES / "squat" / "ada.npz")
-    support = {
-        label: recognizer.embed([read_clip(EXAMPLES / label / "ada.npz")])
-        for label in ("squat", "jumping_jack", "kick_right")
-    }
-    fps = squat.fps
-    rest = round(1.5 * fps)
-    rng = np.random.default_rng(0)
+    actions = ("squat", "jumping_jack", "kick_right")
+    clips = {label: read_clip(EXAMPLES / label / "ada.npz") for label in actions}
+    squat = clips["squat"]
+    rest = round(1.5 * squat.fps)
     still = [np.repeat(squat.joints[at : at + 1], rest, axis=0) for at in (0, -1)]
     joints = np.concatenate([still[0], squat.joints, still[1]])
-    joints = joints + rng.normal(0, 1e-4, joints.shape)
-    spotter = Spotter(recognizer, support, Threshold(0.5, ""), [squat.duration])
-    events: list[Event] = []
-    for end in range(round(fps * STRIDE), len(joints), round(fps * STRIDE)):
-        clip = Clip(joints[max(0, end - round(6 * fps)) : end], squat.joint_names, fps)
-        events += spotter.look(clip, end / fps)
-    events += spotter.finish()
-    squats = [event for event in events if event.label == "squat"]
-    assert len(squats) == 1, events
-    assert squats[0].start < 1.5 + squat.duration
-    assert squats[0].end > 1.5
+    joints = joints + np.random.default_rng(0).normal(0, 1e-4, joints.shape)
+    stream = Clip(joints, squat.joint_names, squat.fps)
+    support = SupportSet.from_clips({label: [clip] for label, clip in clips.items()})
+    events = list(watch(stream, support))
+    assert events == list(watch(stream, support))
+    assert [event.label for event in events] == ["squat"]
+    assert events[0].start < 1.5 + squat.duration
+    assert events[0].end > 1.5
+    assert list(watch(stream, support, tau=1.0)) == []
+    notes: list[str] = []
+    assert list(watch(Clip(joints[:12], squat.joint_names, 30), support, note=notes.append)) == []
+    assert "less than" in notes[0]
+    with pytest.raises(SupportError, match="empty"):
+        list(watch(stream, SupportSet.from_clips({})))

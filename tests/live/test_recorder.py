@@ -9,7 +9,7 @@ from report.test_figure import standing
 
 from actioncli import Clip, ClipError, UsageError
 from actioncli.clips.skeleton import LAYOUTS
-from actioncli.live.events import Event, Sighting
+from actioncli.live.events import Candidate, Event
 from actioncli.live.recorder import Kept, Recorder, kept_clips
 from actioncli.recognition.threshold import Threshold
 from tests.forking import files_up_to
@@ -32,9 +32,9 @@ def run(recorder: Recorder, looks: list[tuple[float | None, bool, list[Event]]])
     """Feed looks: confidence of `wave` (None: nobody), whether an event goes on, what ended."""
     for number, (confidence, busy, events) in enumerate(looks):
         now = 2 + number * STRIDE
-        seen = [] if confidence is None else [Sighting("wave", confidence, now - 1)]
+        seen = [] if confidence is None else [Candidate("wave", confidence, now - 1)]
         clip = None if confidence is None else stream(now)
-        recorder.look(clip, now, seen, events, busy)
+        recorder.update(clip, now, seen, events, busy)
     recorder.finish([])
 
 
@@ -84,7 +84,7 @@ def test_neither_far_misses_nor_an_empty_room_are_kept(tmp_path: Path) -> None:
 
 def test_the_threshold_of_the_action_counts(tmp_path: Path) -> None:
     kept = recorder(tmp_path)
-    kept.look(stream(2), 2, [Sighting("jump", 0.85, 1)], [], False)
+    kept.update(stream(2), 2, [Candidate("jump", 0.85, 1)], [], False)
     kept.finish([])
     [found] = kept_clips(tmp_path)
     assert (found.tau, found.label) == (0.9, "jump")
@@ -93,7 +93,7 @@ def test_the_threshold_of_the_action_counts(tmp_path: Path) -> None:
 def test_later_recordings_go_beside_earlier_ones(tmp_path: Path) -> None:
     for label in ("wave", "../../évil name"):
         one = recorder(tmp_path / "deep" / "folder")
-        one.look(stream(2), 2, [], [Event(label, 1, 2, 0.9)], False)
+        one.update(stream(2), 2, [], [Event(label, 1, 2, 0.9)], False)
     found = kept_clips(tmp_path / "deep" / "folder")
     assert [kept.label for kept in found] == ["wave", "../../évil name"]
     assert {path.parent for path in tmp_path.rglob("*.npz")} == {tmp_path / "deep" / "folder"}
@@ -106,7 +106,7 @@ def test_nothing_is_written_over_after_ten_thousand_clips(tmp_path: Path) -> Non
     (tmp_path / "9999_wave.npz").touch()
     event = Event("wave", 1, 2, 0.9)
     for _ in range(3):
-        recorder(tmp_path).look(stream(2), 2, [], [event], False)
+        recorder(tmp_path).update(stream(2), 2, [], [event], False)
     names = [kept.file.name for kept in kept_clips(tmp_path)]
     assert names == ["10000_wave.npz", "10001_wave.npz", "10002_wave.npz"]
 
@@ -117,7 +117,7 @@ def test_two_may_record_into_one_folder(tmp_path: Path, monkeypatch: pytest.Monk
         patch.setattr("actioncli.live.recorder._number", lambda _: 0)
         for confidence in (0.8, 0.9):
             event = Event("wave", 1, 2, confidence)
-            recorder(tmp_path).look(stream(2), 2, [], [event], False)
+            recorder(tmp_path).update(stream(2), 2, [], [event], False)
     assert [kept.confidence for kept in kept_clips(tmp_path)] == [0.8, 0.9]
 
 
@@ -125,15 +125,15 @@ def test_two_may_record_into_one_folder(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, most: int) -> None:
     one = recorder(tmp_path)
     with files_up_to(most), pytest.raises(ClipError, match="cannot be written"):
-        one.look(stream(2), 2, [], [Event("wave" * 400, 1, 2, 0.9)], False)
+        one.update(stream(2), 2, [], [Event("wave" * 400, 1, 2, 0.9)], False)
     assert list(tmp_path.iterdir()) == []
-    one.look(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
+    one.update(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
     assert len(kept_clips(tmp_path)) == 1
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999"])
 def test_a_confidence_that_is_no_number_is_damage(tmp_path: Path, number: str) -> None:
-    recorder(tmp_path).look(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
+    recorder(tmp_path).update(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
     [description] = tmp_path.glob("*.json")
     description.write_text(description.read_text().replace("0.9", number))
     with pytest.raises(UsageError, match=r"damaged \(ValueError: (nan|inf) is no finite number"):

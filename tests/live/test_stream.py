@@ -9,11 +9,10 @@ import pytest
 
 from actioncli.errors import ClipError
 from actioncli.live.stream import PoseStream, file_frames
-from actioncli.pose import stream as streams
+from actioncli.pose import camera as streams
 from actioncli.pose.camera import LiveSource
 from actioncli.pose.frames import Frame, VideoFile
-
-from .videos import number, numbered, real_frames, streamed, write_video
+from tests.pose.videos import number, numbered, real_frames, streamed, write_video
 
 
 def test_a_live_source_gives_the_newest_and_drops_the_rest(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from actioncli.cli.watch import _Runner
 from actioncli.errors import UsageError
+from actioncli.live.commands import CommandRunner
 from actioncli.live.events import Event
 
 LABELS = [
@@ -31,7 +31,7 @@ def test_a_label_arrives_as_it_is_in_the_environment_alone(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("program.py").write_text(PROGRAM)
-    run = _Runner(f"{sys.executable} program.py 'a b' $ACTIONCLI_LABEL ;")
+    run = CommandRunner(f"{sys.executable} program.py 'a b' $ACTIONCLI_LABEL ;", print)
     run(Event(label, 1.0, 2.5, 0.75))
     run.wait()
     arguments, told = json.loads(Path("told").read_text())
@@ -47,7 +47,7 @@ def test_a_shell_that_the_user_asks_for_gets_the_label_as_a_variable(
 ) -> None:
     """As SECURITY.md says how: quoted, it is one word."""
     monkeypatch.chdir(tmp_path)
-    run = _Runner("""sh -c 'printf %s "$ACTIONCLI_LABEL" > told'""")
+    run = CommandRunner("""sh -c 'printf %s "$ACTIONCLI_LABEL" > told'""", print)
     run(Event("$(touch pwned); `touch pwned`", 1.0, 2.5, 0.75))
     run.wait()
     assert Path("told").read_text() == "$(touch pwned); `touch pwned`"
@@ -60,7 +60,7 @@ def test_what_the_system_cannot_run_does_not_end_watching(
     script = tmp_path / "script"
     script.write_text("echo no first line that names a program\n")
     script.chmod(0o700)
-    run = _Runner(str(script))
+    run = CommandRunner(str(script), lambda line: print(line, file=sys.stderr))
     run(Event("wave", 1.0, 2.5, 0.75))
     script.unlink()
     run(Event("wave", 3.0, 4.5, 0.75))
@@ -73,4 +73,4 @@ def test_what_the_system_cannot_run_does_not_end_watching(
 @pytest.mark.parametrize("line", ["", "  ", "no-such-program-anywhere", "echo 'open"])
 def test_what_is_no_command_is_told_before_anything_is_watched(line: str) -> None:
     with pytest.raises(UsageError, match="--exec"):
-        _Runner(line)
+        CommandRunner(line, print)

@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
     for n, label in enumerate(LABELS):
         clip = read_clip(EXAMPLES / "squat/ada.npz")
         event = Event(label, 0.1 * n, clip.duration, 0.6)
-        recorder.look(clip, clip.duration, [], [event], False)
+        recorder.update(clip, clip.duration, [], [event], False)
     return folder
 
 

@@ -1,0 +1,169 @@
+"""Watching: the events of a camera, a video or an address, or of a clip as if one had sent it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from actioncli.clips.clip import Clip
+from actioncli.clips.edit import cut
+from actioncli.errors import ClipError
+from actioncli.live.events import STRIDE, Event, EventDetector
+from actioncli.recognition.support import SupportSet
+
+if TYPE_CHECKING:
+    from actioncli.live.recorder import Recorder
+
+DEFAULT_QUALITY = "fast"
+
+
+class Stream(Protocol):
+    """A source of poses over time.
+
+    Attributes:
+        seen: whether somebody was in the last frame.
+    """
+
+    seen: bool
+
+    def times(self) -> Iterator[float]:
+        """Seconds of each frame, as it comes.
+
+        Raises:
+            ClipError: the stream is lost.
+        """
+
+    def clip(self) -> Clip | None:
+        """The last seconds, ending with the last frame; None while nobody is followed."""
+
+    def state(self, now: float) -> str:
+        """How the stream is doing, for people."""
+
+    def end(self, frames: int) -> str | None:
+        """What is to be said of how it ended, after so many frames.
+
+        Raises:
+            ClipError: there was nothing to watch.
+        """
+
+    def close(self) -> None:
+        """Let go of the camera or the file."""
+
+
+def watch(
+    source: int | str | Path | Clip,
+    support: SupportSet,
+    tau: float | None = None,
+    *,
+    quality: str = DEFAULT_QUALITY,
+    recorder: Recorder | None = None,
+    on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
+    note: Callable[[str], None] | None = None,
+) -> Iterator[Event]:
+    """Tell every enrolled action that somebody performs, one event for each performance.
+
+    Looks at the stream every `events.STRIDE` seconds. What the end of the stream, or Ctrl-C, cuts
+    off is an event as well.
+
+    Args:
+        source: number of a camera, a video file, the address of a stream, or a clip, whose joints
+            are taken as if they came one frame after another.
+        support: what is enrolled.
+        tau: accept where the confidence is above it, instead of the threshold of `support`.
+        quality: pose network, "fast" or "accurate".
+        recorder: keeps the clips of events and near misses.
+        on_frame: called after each frame, with its time.
+        note: called at the end with what a person should know.
+
+    Raises:
+        ClipError: the source cannot be opened, or is lost; after the last event.
+        SupportError: no action is enrolled.
+    """
+    support.require_actions()
+    detector = EventDetector(support if tau is None else support.with_tau(tau))
+    stream: Stream
+    if isinstance(source, Clip):
+        stream = _ClipStream(source, max(detector.windows) + 1)
+    else:
+        from actioncli.live.stream import VideoStream
+
+        stream = VideoStream(source, quality, max(detector.windows) + 1)
+    looked, frames, seen, now = -STRIDE, 0, 0, 0.0
+    lost: ClipError | None = None
+    with closing(stream):
+        try:
+            for now in stream.times():
+                frames += 1
+                seen += stream.seen
+                if now - looked >= STRIDE:
+                    looked = now
+                    clip = stream.clip()
+                    over = detector.update(clip, now)
+                    yield from over
+                    if recorder is not None:
+                        busy = detector.current is not None
+                        recorder.update(clip, now, detector.ranking, over, busy)
+                if on_frame is not None:
+                    on_frame(now, stream, detector)
+            for line in _ending(stream, frames, seen, now, min(detector.windows)):
+                if note is not None:
+                    note(line)
+        except KeyboardInterrupt:
+            pass
+        except ClipError as error:
+            lost = error
+        over = detector.finish()
+        yield from over
+        if recorder is not None:
+            recorder.finish(over)
+    if lost is not None:
+        raise lost
+
+
+def _ending(stream: Stream, frames: int, seen: int, now: float, shortest: float) -> Iterator[str]:
+    ending = stream.end(frames)
+    if ending is not None:
+        yield ending
+    if not seen:
+        yield f"nobody was seen in any of {frames} frames"
+    if frames and now < shortest:
+        yield (
+            f"{now:.1f} s are less than the {shortest:.1f} s that the quickest performance would "
+            "take"
+        )
+
+
+class _ClipStream:
+    """A recorded clip, frame by frame; see `Stream`."""
+
+    seen = True
+
+    def __init__(self, clip: Clip, seconds: float) -> None:
+        """Remember so many seconds at a time."""
+        self._clip, self._seconds, self._now = clip, seconds, 0.0
+
+    def times(self) -> Iterator[float]:
+        """At the clip's rate."""
+        for frame in range(len(self._clip)):
+            self._now = frame / self._clip.fps
+            yield self._now
+
+    def clip(self) -> Clip | None:
+        """As far as it has come."""
+        try:
+            return cut(self._clip, max(self._now - self._seconds, 0.0), self._now)
+        except ClipError:  # nothing has moved
+            return None
+
+    def state(self, now: float) -> str:
+        """How much is left."""
+        return f"{self._clip.duration - now:.0f} s left"
+
+    def end(self, frames: int) -> str | None:
+        """Nothing."""
+        return None
+
+    def close(self) -> None:
+        """Nothing to do."""
