@@ -50,14 +50,14 @@ class PartsRecipe:
 
     name: str = "parts"
     config: PartsConfig = field(default_factory=PartsConfig)
-    steps: int = 4000
+    steps: int = 2600
     ways: int = 20
-    tasks: int = 4
+    tasks: int = 3
     rate: float = 1e-3
     weight_decay: float = 0.05
     dropout: float = 0.15
     hard: float = 0.7
-    negative: float = 0.5
+    negative: float = 1.0
     averaging: float = 0.998
     validate_every: int = 250
 
@@ -185,10 +185,8 @@ def _loss(
         logits = parts.logits(params, config, queries, supports, drop)
         losses.append(task_loss(logits, task.same, recipe.hard))
         fooled = functional.softplus(parts.paired_logits(params, config, made, supports, drop))
-        changed = task.changed.float()
-        losses[-1] = losses[-1] + recipe.negative * (fooled * changed).sum() / changed.sum().clamp(
-            min=1
-        )
+        share = task.changed / task.changed.sum().clamp(min=1)
+        losses[-1] = losses[-1] + recipe.negative * (fooled * share).sum()
         nearest = logits.detach().masked_fill(task.same, -1e4).argmax(1)
         right.append((nearest == torch.arange(w, device=nearest.device)).float().mean())
     return torch.stack(losses).mean(), torch.stack(right).mean().item()
