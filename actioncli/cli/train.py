@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 import time
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.output import note, printable, progress, say, write_json
+from actioncli.cli.output import steps as progress_steps
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from actioncli.training.loop import Progress
 
@@ -48,6 +49,9 @@ def train(
         int | None,
         typer.Option(metavar="N", min=1, help="Processor threads.  [default: all cores]"),
     ] = None,
+    device: Annotated[
+        str, typer.Option(metavar="NAME", help="Where PyTorch computes; cuda: a graphics card.")
+    ] = "cpu",
 ) -> None:
     """Train a model on recordings of actions by several people.
 
@@ -75,37 +79,36 @@ def train(
     from actioncli.clips.collection import read_collection
     from actioncli.evaluation.splits import read_splits
     from actioncli.model.weights import read_weights
+    from actioncli.training import loop, paper, parts_loop
     from actioncli.training.data import hold_out, training_set
-    from actioncli.training.paper import PaperRecipe, train_paper
-    from actioncli.training.paper_validation import Validation
-    from actioncli.training.parts_loop import PartsRecipe, train_parts
-    from actioncli.training.parts_validation import PartsValidation
 
     if recipe not in RECIPES:
         raise UsageError(f"unknown recipe {recipe!r}; there are {', '.join(RECIPES)}.")
+    try:
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise UsageError(f"--device {device}: {str(error).splitlines()[0]}") from error
     if threads is not None:
         torch.set_num_threads(threads)
     parts = read_splits(splits) if splits else None
-    read = [
-        read_collection(path) for path in progress(collections, "Reading", shown=not settings.quiet)
-    ]
+    paths = progress(collections, "Reading", shown=not settings.quiet)
+    read = [read_collection(path) for path in paths]
     data, held = hold_out(training_set(read, parts), seed)
     settings.tell(
         f"Training on {len(data.clips)} clips of {len(data.members)} classes, validating on "
         f"{len(held.clips)} of {len(held.members)} others."
     )
     begun = time.monotonic()
-    names = [collection.name for collection in read]
-    with _reporter(settings) as report:
-        if recipe == "parts":
-            parts_recipe = PartsRecipe()
-            validation = PartsValidation(held, parts_recipe.config, seed)
-            train_parts(parts_recipe, data, validation, out, seed, names, report)
-        else:
-            train_paper(PaperRecipe(), data, Validation(held, seed), out, seed, names, report)
-    weights = read_weights(out)
-    best, steps = weights.metadata["validation"], weights.metadata["recipe"]["steps"]
-    seconds = time.monotonic() - begun
+    given = (data, held, seed, [collection.name for collection in read], device)
+    run: loop.Run[Any] = (
+        parts_loop.PartsRun(parts_loop.PartsRecipe(), *given)
+        if recipe == "parts"
+        else paper.PaperRun(paper.PaperRecipe(), *given)
+    )
+    with _reports(settings) as report:
+        loop.train(run, out, report)
+    weights, steps = read_weights(out), run.recipe.steps
+    best, seconds = weights.metadata["validation"], time.monotonic() - begun
     if settings.json:
         write_json(
             {
@@ -127,53 +130,28 @@ def train(
         )
 
 
-class _reporter:  # noqa: N801 - used like a function in a `with` statement
-    """A progress bar on a terminal; a line every half minute in a log."""
+@contextmanager
+def _reports(settings: Settings) -> Iterator[Callable[[Progress], None]]:
+    """What shows how far a run is: a bar on a terminal, a line every half minute in a log."""
+    logged, unsaved = time.monotonic(), False
+    with progress_steps(shown=not settings.quiet) as bar:
 
-    def __init__(self, settings: Settings) -> None:
-        self._quiet = settings.quiet
-        self._told = time.monotonic()
-        self._unsaved: str | None = None
+        def report(now: Progress) -> None:
+            nonlocal logged, unsaved
+            if now.unsaved is not None and not unsaved:
+                note(f"warning: {printable(now.unsaved)} Training goes on; it is tried again.")
+            unsaved = now.unsaved is not None
+            figures = f"loss {now.loss:.3f}  accuracy {now.accuracy:.3f}"
+            if now.validation is not None:
+                figures += f"  unseen classes: accuracy {now.validation['closed_accuracy']:.3f}"
+                figures += f" OSCR {now.validation['oscr']:.3f}"
+            if bar is not None:
+                bar(figures, now.step, now.steps)
+            elif not settings.quiet and (
+                time.monotonic() - logged > _LOG_SECONDS or now.step == now.steps
+            ):
+                logged = time.monotonic()
+                left = f"{now.seconds_left / 60:.0f} min left"
+                note(f"step {now.step}/{now.steps}  {figures}  {left}")
 
-    def __enter__(self) -> Callable[[Progress], None]:
-        self._bar = None
-        if self._quiet:
-            return self._warn
-        if not sys.stderr.isatty():
-            return self._log
-        from rich.console import Console
-        from rich.progress import Progress as Bar
-
-        self._bar = Bar(console=Console(stderr=True), transient=True, redirect_stdout=False)
-        self._task = self._bar.add_task("Training", total=None)
-        self._bar.start()
-        return self._move
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def _warn(self, now: Progress) -> None:
-        if now.unsaved is not None and self._unsaved is None:
-            note(f"warning: {printable(now.unsaved)} Training goes on; it is tried again.")
-        self._unsaved = now.unsaved
-
-    def _move(self, now: Progress) -> None:
-        assert self._bar is not None
-        self._warn(now)
-        self._bar.update(self._task, total=now.steps, completed=now.step, description=_figures(now))
-
-    def _log(self, now: Progress) -> None:
-        self._warn(now)
-        if time.monotonic() - self._told > _LOG_SECONDS or now.step == now.steps:
-            self._told = time.monotonic()
-            left = f"{now.seconds_left / 60:.0f} min left"
-            note(f"step {now.step}/{now.steps}  {_figures(now)}  {left}")
-
-
-def _figures(now: Progress) -> str:
-    told = f"loss {now.loss:.3f}  accuracy {now.accuracy:.3f}"
-    if now.validation is not None:
-        told += f"  unseen classes: accuracy {now.validation['closed_accuracy']:.3f}"
-        told += f" OSCR {now.validation['oscr']:.3f}"
-    return told
+        yield report

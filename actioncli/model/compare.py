@@ -149,7 +149,7 @@ def _parts(
                 qs, ks = np.nonzero(wanted[:, block])
                 which = np.asarray(block)[ks]
                 size = max(1, _BLOCK_PAIRS // (n * config.pairs))
-                told = []
+                reduced = []
                 # A single query meets the block as it is; nothing is copied then.
                 whole = np.array_equal(ks, np.arange(k))
                 for at in range(0, len(qs), size):
@@ -163,9 +163,9 @@ def _parts(
                         values[one] if whole else values[ks[one]],
                     )
                     parts[start + qs[one], which[one], 0] = t
-                    told.append(features)
+                    reduced.append(features)
                 # The largest layer of Disc is read once for the whole block.
-                logits = trx_os.judge(params, np.concatenate(told))
+                logits = trx_os.judge(params, np.concatenate(reduced))
                 parts[start + qs, which, 3] = logits.mean(axis=1)
     if config.mirrored:
         parts[..., 0] *= np.where(warped.mirrored, np.float32(config.mirrored), 1)

@@ -140,7 +140,8 @@ def with_positions(params: Params, config: ModelConfig, features: Array) -> Arra
     """Add what tells tokens apart by their place in the clip; fixed, or learned if it is there."""
     if config.convolutions:
         return features + params["positions"]
-    return features + namespace(features).asarray(positional_encoding(config.tokens, config.width))
+    encoding = positional_encoding(config.tokens, config.width)
+    return features + namespace(features).asarray(encoding, device=features.device)
 
 
 @lru_cache(maxsize=8)
@@ -161,7 +162,9 @@ def pairs(params: Params, config: ModelConfig, projected: Array) -> tuple[Array,
     """
     xp = namespace(projected)
     w = config.key_width
-    first, second = (xp.asarray(index) for index in pair_indices(config.tokens))
+    first, second = (
+        xp.asarray(index, device=projected.device) for index in pair_indices(config.tokens)
+    )
 
     def of_pairs(at: int) -> Array:
         return xp.take(projected[..., at : at + w], first, axis=1) + xp.take(

@@ -82,13 +82,13 @@ def write_weights(
     from safetensors.numpy import save
 
     stored = {name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()}
-    configuration, told = config.to_json(), json.dumps(dict(metadata), sort_keys=True)
-    checksum = _checksum(configuration, told, stored)
+    configuration, description = config.to_json(), json.dumps(dict(metadata), sort_keys=True)
+    checksum = _checksum(configuration, description, stored)
     header = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
         "config": configuration,
-        "metadata": told,
+        "metadata": description,
         "checksum": checksum,
     }
     try:
@@ -130,8 +130,8 @@ def read_weights(path: str | Path | None = None) -> Weights:
     try:
         configuration = header["config"]
         config = _configuration(configuration)
-        told, checksum = header["metadata"], header["checksum"]
-        metadata = json.loads(told)
+        description, checksum = header["metadata"], header["checksum"]
+        metadata = json.loads(description)
     except (KeyError, ValueError, RecursionError) as error:
         raise WeightsError(f"{file}: the header is damaged ({error}).") from error
     except WeightsError as error:
@@ -139,7 +139,7 @@ def read_weights(path: str | Path | None = None) -> Weights:
     shapes = {name: tensor.shape for name, tensor in stored.items()}
     if shapes != _expected_shapes(config, (*shapes.get("cohort", ()), 0)[0]):
         raise WeightsError(f"{file}: tensors do not fit the configuration in the header.")
-    if checksum != _checksum(configuration, told, stored):
+    if checksum != _checksum(configuration, description, stored):
         raise WeightsError(f"{file}: damaged, the checksum does not match the content.")
     if not isinstance(metadata, dict) or any(each.dtype.kind != "f" for each in stored.values()):
         raise WeightsError(f"{file}: holds what are no weights; train again.")
@@ -179,9 +179,11 @@ def _check_file(file: Path) -> None:
         )
 
 
-def _checksum(configuration: str, told: str, tensors: Mapping[str, np.ndarray[Any, Any]]) -> str:
+def _checksum(
+    configuration: str, description: str, tensors: Mapping[str, np.ndarray[Any, Any]]
+) -> str:
     # Over the text that is stored: what a later version makes of it may have more keys.
-    digest = hashlib.sha256(f"{configuration}\n{told}\n".encode())
+    digest = hashlib.sha256(f"{configuration}\n{description}\n".encode())
     for name in sorted(tensors):
         tensor = tensors[name]
         digest.update(f"{name} {tensor.dtype.str} {tensor.shape}".encode())

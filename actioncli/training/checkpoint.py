@@ -58,8 +58,8 @@ def save_checkpoint(path: Path, state: TrainingState, fingerprint: str) -> None:
         raise WeightsError(f"{path}: cannot write the checkpoint: {reason}.") from error
 
 
-def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
-    """The state to go on from, or None where there is no checkpoint.
+def load_checkpoint(path: Path, fingerprint: str, device: str) -> TrainingState | None:
+    """The state to go on from, on a device of torch, or None where there is no checkpoint.
 
     Raises:
         WeightsError: the checkpoint is damaged or belongs to another run.
@@ -84,7 +84,8 @@ def load_checkpoint(path: Path, fingerprint: str) -> TrainingState | None:
 
     def group(prefix: str) -> dict[str, Tensor]:
         return {
-            name.removeprefix(prefix): tensor
+            # AdamW counts its steps on the processor, wherever it computes.
+            name.removeprefix(prefix): tensor if "/step/" in prefix else tensor.to(device)
             for name, tensor in sorted(tensors.items())
             if name.startswith(prefix)
         }

@@ -17,9 +17,8 @@ def episode_loss(
     support: Tensor,
     queries: Tensor,
     targets: Tensor,
-    sigma: float,
 ) -> tuple[Tensor, float]:
-    """Cross-entropy over -T, plus sigma times the discriminator's binary cross-entropy.
+    """Cross-entropy over -T, plus the discriminator's binary cross-entropy.
 
     The discriminator learns from the z known queries whose nearest action is right (it should
     say yes) and from z unknown ones against their nearest action (it should say no).
@@ -28,7 +27,6 @@ def episode_loss(
         support: (B, K, F, J, 3) prepared frames, one clip per action.
         queries: (B, Q, F, J, 3).
         targets: (B, Q) place of the query's action, -1 for an unknown one.
-        sigma: weight of the discriminator's part.
 
     Returns:
         the loss, and the share of known queries whose nearest action is right.
@@ -60,7 +58,7 @@ def episode_loss(
     z = int(min(right.sum(), (~known).sum()))
     if z:
         judged = torch.cat([chosen[right][:z], chosen[~known][:z]])
-        answers = torch.cat([torch.ones(z), torch.zeros(z)])
         logits = trx_os.discriminator(params, judged)
-        loss = loss + sigma * functional.binary_cross_entropy_with_logits(logits, answers)
+        same = (torch.arange(2 * z, device=logits.device) < z).to(logits.dtype)
+        loss = loss + functional.binary_cross_entropy_with_logits(logits, same)
     return loss, float(right.sum() / known.sum())

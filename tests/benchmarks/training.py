@@ -29,7 +29,7 @@ Params = dict[str, Tensor]
 def plain_loss(
     params: Params, config: ModelConfig, support: Tensor, queries: Tensor, targets: Tensor
 ) -> Tensor:
-    """The paper's loss with sigma 1, pair of clips by pair of clips, episode by episode."""
+    """The paper's loss, pair of clips by pair of clips, episode by episode."""
     width = config.width
     first, second = map(torch.tensor, trx_os.pair_indices(support.shape[2]))
     encoding = torch.from_numpy(trx_os.positional_encoding(support.shape[2], width))
@@ -84,7 +84,7 @@ def main() -> None:
     targets = torch.tensor([[*range(ways), *[-1] * ways]] * batch)
     given = params, config, support, queries, targets
     contenders: dict[str, Callable[[], Tensor]] = {
-        "actioncli": lambda: episode_loss(*given, RECIPE.sigma)[0],
+        "actioncli": lambda: episode_loss(*given)[0],
         "plain": lambda: plain_loss(*given),
     }
     seconds: dict[str, list[float]] = {name: [] for name in contenders}

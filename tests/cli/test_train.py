@@ -4,6 +4,7 @@ import json
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,13 +78,14 @@ def test_a_run_that_was_ended_goes_on(
     words = ["train", toy, "--recipe", "paper", "--out", out, "--threads", 1]
     steps: list[int] = []
 
-    def interrupt(_: object, now: Progress) -> None:
-        steps.append(now.step)
-        if now.step == 1:
+    def interrupt(step: int, *others: Any) -> Progress:
+        steps.append(step)
+        if step == 1:
             os.kill(os.getpid(), signal.Signals[ending])
+        return Progress(step, *others)
 
     with monkeypatch.context() as patched:
-        patched.setattr(command._reporter, "_log", interrupt)
+        patched.setattr(loop, "Progress", interrupt)
         result = invoke(*words)
         assert (result.exit_code, result.stderr.splitlines()[-1]) == (130, "error: interrupted")
         assert not out.exists()
@@ -116,6 +118,7 @@ def test_a_checkpoint_that_cannot_be_written_is_told_once(
     [
         (["--out", "w", "--recipe", "best"], "unknown recipe 'best'"),
         (["--out", "."], "is a folder; name a file in it"),
+        (["--out", "w", "--recipe", "paper", "--device", "abacus"], "--device abacus: "),
     ],
 )
 def test_senseless_arguments_are_usage_errors(

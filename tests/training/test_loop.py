@@ -15,8 +15,7 @@ from actioncli.model.weights import read_weights
 from actioncli.training import loop
 from actioncli.training.data import TrainingSet, hold_out
 from actioncli.training.loop import Progress
-from actioncli.training.paper import PaperRecipe, train_paper
-from actioncli.training.paper_validation import Validation
+from actioncli.training.paper import PaperRecipe, PaperRun
 from tests.forking import files_up_to
 
 SHORT = PaperRecipe(steps=6, batch=1, ways=3, validate_every=2)
@@ -24,15 +23,15 @@ SHORT = PaperRecipe(steps=6, batch=1, ways=3, validate_every=2)
 
 def run(world: TrainingSet, out: Path, recipe=SHORT, report=lambda _: None) -> Path:  # type: ignore[no-untyped-def]
     data, held = hold_out(world, 0)
-    return train_paper(recipe, data, Validation(held, 0), out, 0, ["world"], report)
+    return loop.train(PaperRun(recipe, data, held, 0, ["world"]), out, report)
 
 
 def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
-    told: list[Progress] = []
+    reports: list[Progress] = []
     recipe = replace(SHORT, steps=60, batch=2, validate_every=30)
-    run(world, tmp_path / "w.safetensors", recipe, told.append)
-    assert told[-1].accuracy > 0.8
-    assert told[-1].loss < told[0].loss
+    run(world, tmp_path / "w.safetensors", recipe, reports.append)
+    assert reports[-1].accuracy > 0.8
+    assert reports[-1].loss < reports[0].loss
     weights = read_weights(tmp_path / "w.safetensors")
     assert weights.metadata["seed"] == 0
     assert weights.metadata["recipe"]["name"] == "paper"
@@ -123,9 +122,9 @@ def test_a_run_outlasts_a_full_disk(
 
     out = tmp_path / "w.safetensors"
     run(world, out, report=fill_and_free)
-    told = f"{out}.checkpoint: cannot write the checkpoint"
+    reason = f"{out}.checkpoint: cannot write the checkpoint"
     assert [each is not None for each in unsaved] == [False, True, True, True, False, False]
-    assert str(unsaved[1]).startswith(told)
+    assert str(unsaved[1]).startswith(reason)
     monkeypatch.undo()
     whole = run(world, tmp_path / "whole.safetensors")
     assert read_weights(out).checksum == read_weights(whole).checksum
@@ -135,7 +134,7 @@ def test_too_few_classes_are_told(world: TrainingSet, tmp_path: Path) -> None:
     few = world.of_classes([0, 1, 2])
     _, held = hold_out(world, 0)
     with pytest.raises(UsageError, match="needs more than 5 classes"):
-        train_paper(PaperRecipe(), few, Validation(held, 0), tmp_path / "w", 0, [])
+        loop.train(PaperRun(PaperRecipe(), few, held, 0, []), tmp_path / "w")
 
 
 def test_one_run_at_a_time_writes_a_file(world: TrainingSet, tmp_path: Path) -> None:

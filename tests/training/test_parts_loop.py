@@ -15,13 +15,14 @@ from actioncli.clips.parts import prepare_parts
 from actioncli.model import parts
 from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import read_weights
+from actioncli.training import loop
 from actioncli.training.data import TrainingSet, hold_out
 from actioncli.training.loop import Progress
+from actioncli.training.paper import PaperRecipe, PaperRun
 from actioncli.training.parts_augment import Batch, augment, joined, mirrored
-from actioncli.training.parts_loop import PartsRecipe, task_loss, train_parts
+from actioncli.training.parts_loop import PartsRecipe, PartsRun, task_loss
 from actioncli.training.parts_negatives import KINDS, apart, negatives
 from actioncli.training.parts_tasks import PartTasks
-from actioncli.training.parts_validation import PartsValidation
 
 CONFIG = PartsConfig(width=16, key_width=8, layers=1, evidence=8)
 RECIPE = PartsRecipe(config=CONFIG, steps=6, ways=5, tasks=2, validate_every=3)
@@ -47,7 +48,7 @@ def train(
     recipe: PartsRecipe = RECIPE,
 ) -> Path:
     data, held = hold_out(world, 0)
-    return train_parts(recipe, data, PartsValidation(held, CONFIG, 0), out, 0, ["world"], report)
+    return loop.train(PartsRun(recipe, data, held, 0, ["world"]), out, report)
 
 
 def test_the_seed_decides_and_an_interrupted_run_goes_on(
@@ -69,6 +70,19 @@ def test_the_seed_decides_and_an_interrupted_run_goes_on(
     second = read_weights(train(world, tmp_path / "cut.safetensors"))
     assert second.checksum == first.checksum
     assert not (tmp_path / "cut.safetensors.checkpoint").exists()
+
+
+def test_a_step_makes_every_tensor_on_the_device_of_the_run(world: TrainingSet) -> None:
+    data, held = hold_out(world, 0)
+    paper = PaperRun(PaperRecipe(batch=1, ways=3), data, held, 0, [])
+    for run in (PartsRun(RECIPE, data, held, 0, []), paper):
+        state = run.prepare()
+        # What names no device is made on this one, and an operation on both is an error.
+        with torch.device("meta"):
+            loss, _ = run.loss(state, np.random.default_rng(0))
+            loss.backward()
+            run.step(state)
+        assert loss.device.type == "cpu"
 
 
 def test_the_loss_falls(world: TrainingSet, tmp_path: Path) -> None:
