@@ -15,7 +15,7 @@ from actioncli.errors import StoreError, UsageError
 from actioncli.recognition.decision import Decision
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.recognition.support import SupportSet
-from actioncli.recognition.threshold import Threshold
+from actioncli.recognition.threshold import DEFAULT_TAU, Threshold
 from actioncli.store.names import NEGATIVES, check_label
 from actioncli.store.store import SupportStore
 
@@ -101,6 +101,20 @@ def enrol(
         Enrolled(one.example, one.label, one.added, about if one.added else ())
         for one, about in zip(kept, warnings, strict=True)
     ]
+
+
+def embed_missing(store: SupportStore, recognizer: Recognizer) -> int:
+    """Keep an embedding of each example that has none for the recogniser's weights; how many.
+
+    Raises:
+        ClipError: an example lacks joints that the model reads.
+        StoreError: the store cannot be read or written, or an example is damaged.
+    """
+    # A given tau leaves a stored threshold unread: it is not needed, and may be damaged.
+    support = SupportSet.load(store, recognizer, tau=DEFAULT_TAU)
+    if support.recomputed:
+        store.keep_embeddings(recognizer.weights.checksum, support.recomputed)
+    return len(support.recomputed)
 
 
 def _warnings(

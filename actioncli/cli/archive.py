@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.output import plural, printable, say, write_json
+from actioncli.errors import ActionCliError
 
 
 @command
@@ -55,10 +57,15 @@ def import_(
     JSON keys:
       file, added, skipped, threshold_taken
     """
+    from actioncli.calibration.enrolment import embed_missing
+    from actioncli.recognition.recognizer import Recognizer
     from actioncli.store.archive import carried_settings
 
     with settings.open_store() as store:
         added, skipped = store.import_(file)
+        # So that queries need not compute them; the import stands without.
+        with suppress(ActionCliError):
+            embed_missing(store, Recognizer())
         carried = carried_settings(file)
         taken = bool(carried) and all(store.setting(name) == carried[name] for name in carried)
     if settings.json:

@@ -43,21 +43,7 @@ def list_support(settings: Settings) -> None:
         actions = store.actions()
         where = store.path
     if settings.json:
-        write_json(
-            {
-                "store": str(where),
-                "actions": [
-                    {
-                        "label": action.label,
-                        "negative": action.negative,
-                        "examples": action.examples,
-                        "seconds": action.seconds,
-                        "last_added": action.last_added,
-                    }
-                    for action in actions
-                ],
-            }
-        )
+        write_json({"store": str(where), "actions": [action.to_json() for action in actions]})
         return
     for title, negative in (("action", False), ("never accepted", True)):
         rows = [
@@ -139,48 +125,14 @@ def show(
                 drawings, "Drawing", total=total, shown=not settings.quiet
             ),
         )
-    seconds = [(each.frames - 1) / each.fps for each in examples]
     if settings.json:
-        write_json(
-            {
-                "label": label,
-                "examples": [
-                    {
-                        "id": each.id,
-                        "source": each.source,
-                        "frames": each.frames,
-                        "joints": each.joints,
-                        "fps": each.fps,
-                        "seconds": length,
-                        "added": each.added,
-                        "note": each.note,
-                        "checksum": each.checksum,
-                    }
-                    for each, length in zip(examples, seconds, strict=True)
-                ],
-                "drawn": None if out is None else str(out),
-            }
-        )
+        listed = [each.to_json() for each in examples]
+        drawn_in = None if out is None else str(out)
+        write_json({"label": label, "examples": listed, "drawn": drawn_in})
         return
     say(f"{printable(label)}: {plural(len(examples), 'example')}")
-    say(
-        table(
-            ("id", "source", "frames", "joints", "fps", "seconds", "added", "note"),
-            [
-                (
-                    each.id,
-                    each.source,
-                    each.frames,
-                    each.joints,
-                    each.fps,
-                    length,
-                    each.added,
-                    each.note,
-                )
-                for each, length in zip(examples, seconds, strict=True)
-            ],
-        )
-    )
+    columns = ("id", "source", "frames", "joints", "fps", "seconds", "added", "note")
+    say(table(columns, [[getattr(each, name) for name in columns] for each in examples]))
     if out is not None:
         settings.tell(f"drawn in {printable(out)}")
         return
@@ -255,8 +207,10 @@ def rename(
     JSON keys:
       old, new, examples
     """
+    from actioncli.recognition.threshold import rename_action
+
     with settings.open_store() as store:
-        examples = store.rename(old, new)
+        examples = rename_action(store, old, new)
     if settings.json:
         write_json({"old": old, "new": new, "examples": examples})
     elif not settings.quiet:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from actioncli.errors import StoreError
+from actioncli.store.names import check_label
 
 if TYPE_CHECKING:
     from actioncli.store.store import SupportStore
@@ -36,6 +37,13 @@ class Threshold:
     def of(self, label: str) -> float:
         """The threshold of an action."""
         return self.actions.get(label, self.tau)
+
+    def renamed(self, old: str, new: str) -> Threshold:
+        """The same where the action `old` is called `new`."""
+        actions = {label: tau for label, tau in self.actions.items() if label not in {old, new}}
+        if old in self.actions:
+            actions[new] = self.actions[old]
+        return self if old == new else Threshold(self.tau, self.weights, actions)
 
     def to_text(self) -> str:
         """What a store keeps."""
@@ -76,6 +84,27 @@ def keep_threshold(store: SupportStore, threshold: Threshold | None) -> None:
         StoreError: the store cannot be written.
     """
     store.set_setting(THRESHOLD_SETTING, None if threshold is None else threshold.to_text())
+
+
+def rename_action(store: SupportStore, old: str, new: str) -> int:
+    """Give an action another name, and its own threshold with it; how many examples it has.
+
+    A threshold that an earlier action of the new name had goes; one that is damaged stays so.
+
+    Raises:
+        SupportError: the action is not enrolled.
+        UsageError: the new name is not allowed, or is enrolled already.
+        StoreError: the store cannot be written.
+    """
+    new, old = check_label(new), check_label(old)
+
+    def renamed(text: str) -> str:
+        try:
+            return Threshold.from_text(text, store.path).renamed(old, new).to_text()
+        except StoreError:
+            return text
+
+    return store.rename(old, new, {THRESHOLD_SETTING: renamed})
 
 
 def _checked(tau: Any) -> float:

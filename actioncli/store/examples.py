@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Enrolled:
+class Inserted:
     """What became of a clip: `added` is False where the same clip was there already."""
 
     example: int
@@ -43,6 +43,11 @@ class Example:
         """From the first frame to the last."""
         return (self.frames - 1) / self.fps
 
+    def to_json(self) -> dict[str, object]:
+        """As plain values, without the label."""
+        names = "id", "source", "frames", "joints", "fps", "seconds", "added", "note", "checksum"
+        return {name: getattr(self, name) for name in names}
+
 
 def list_examples(db: sqlite3.Connection, label: str | None = None) -> list[Example]:
     """The examples of a label, or all, by label and in the order of enrolment."""
@@ -61,7 +66,7 @@ def list_examples(db: sqlite3.Connection, label: str | None = None) -> list[Exam
     return examples
 
 
-def insert(db: sqlite3.Connection, record: Record) -> Enrolled:
+def insert(db: sqlite3.Connection, record: Record) -> Inserted:
     """Add an example, unless the same clip is there under the same label.
 
     Raises:
@@ -76,14 +81,14 @@ def insert(db: sqlite3.Connection, record: Record) -> Enrolled:
         (record.label, record.negative, record.checksum),
     ).fetchone()
     if same:
-        return Enrolled(int(same[0]), record.label, added=False)
+        return Inserted(int(same[0]), record.label, added=False)
     # The next identifier of AUTOINCREMENT: the seal covers it.
     (example,) = db.execute(
         "SELECT 1 + max((SELECT coalesce(max(id), 0) FROM examples), coalesce("
         "(SELECT seq FROM sqlite_sequence WHERE name = 'examples'), 0))"
     ).fetchone()
     insert_as(db, example, record)
-    return Enrolled(example, record.label, added=True)
+    return Inserted(example, record.label, added=True)
 
 
 def insert_as(db: sqlite3.Connection, example: int, record: Record) -> None:
@@ -101,7 +106,7 @@ def holds_negatives(db: sqlite3.Connection, label: str) -> bool | None:
     return bool(row[0]) if row else None
 
 
-def known(db: sqlite3.Connection | None, label: str) -> str:
+def stored_label(db: sqlite3.Connection | None, label: str) -> str:
     """The label as it is stored.
 
     Raises:

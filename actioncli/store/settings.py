@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from actioncli.errors import StoreError
 from actioncli.store.migrations import setting_crc
-
-# What `actioncli.recognition.threshold` keeps; see there for its form.
-_THRESHOLD = "threshold"
 
 
 def intact_setting(name: object, value: object, crc: object) -> bool:
@@ -27,22 +24,12 @@ def put_setting(db: sqlite3.Connection, name: str, value: str) -> None:
     )
 
 
-def rename_threshold(db: sqlite3.Connection, old: str, new: str) -> None:
-    """Let an action's own threshold go with its name, in place of one that an earlier action of the
-    new name had. A threshold that is damaged stays so, and is told when it is read."""
-    query = "SELECT value, crc FROM settings WHERE name = ?"
-    for value, crc in db.execute(query, (_THRESHOLD,)).fetchall():
-        if old == new or not intact_setting(_THRESHOLD, value, crc):
-            return
-        try:
-            told = json.loads(value)
-            actions = told["actions"]
-            actions.pop(new, None)
-            if old in actions:
-                actions[new] = actions.pop(old)
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            return
-        put_setting(db, _THRESHOLD, json.dumps(told))
+def change_settings(db: sqlite3.Connection, changes: Mapping[str, Callable[[str], str]]) -> None:
+    """Replace the text of settings, by name; one that is not set, or is damaged, stays so."""
+    for name, change in changes.items():
+        row = db.execute("SELECT value, crc FROM settings WHERE name = ?", (name,)).fetchone()
+        if row is not None and intact_setting(name, *row):
+            put_setting(db, name, change(row[0]))
 
 
 def damaged_setting(path: Path, name: object) -> str:

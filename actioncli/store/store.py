@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,21 +12,21 @@ from actioncli.store.backup import changing
 from actioncli.store.cache import rename_embeddings
 from actioncli.store.database import reading
 from actioncli.store.examples import (
-    Enrolled,
     Example,
+    Inserted,
     holds_negatives,
     insert,
-    known,
     list_examples,
     read_outlines,
     read_record,
     rename_examples,
     require,
     require_label,
+    stored_label,
 )
 from actioncli.store.location import store_path
 from actioncli.store.names import check_label
-from actioncli.store.settings import put_setting, read_settings, rename_threshold
+from actioncli.store.settings import change_settings, put_setting, read_settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from actioncli.store.repair import Repair
     from actioncli.store.snapshot import Snapshot
 
-__all__ = ["Action", "Enrolled", "Example", "SupportStore"]
+__all__ = ["Action", "Example", "Inserted", "SupportStore"]
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,11 @@ class Action:
     seconds: float
     last_added: str
     negative: bool
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values."""
+        names = ("label", "negative", "examples", "seconds", "last_added")
+        return {name: getattr(self, name) for name in names}
 
 
 class SupportStore:
@@ -76,7 +81,7 @@ class SupportStore:
     def __repr__(self) -> str:
         return f"SupportStore({str(self.path)!r})"
 
-    def enroll(self, label: str, clip: Clip, note: str = "", negative: bool = False) -> Enrolled:
+    def enroll(self, label: str, clip: Clip, note: str = "", negative: bool = False) -> Inserted:
         """Keep a clip as an example of an action. When this returns, it is on the disk.
 
         Raises:
@@ -92,7 +97,7 @@ class SupportStore:
         negative: bool = False,
         embeddings: Sequence[NDArray[np.float32]] = (),
         weights_checksum: str = "",
-    ) -> list[Enrolled]:
+    ) -> list[Inserted]:
         """Keep all of the labelled clips, or none; one answer for each, in order.
 
         Args:
@@ -141,7 +146,7 @@ class SupportStore:
         """
         with reading(self.path) as db:
             if label is not None:
-                label = known(db, label)
+                label = stored_label(db, label)
             return list_examples(db, label) if db else []
 
     def clip(self, example: int) -> Clip:
@@ -202,9 +207,9 @@ class SupportStore:
             SupportError: the label is not enrolled, or the example is none of its.
         """
         with reading(self.path) as db:
-            known(db, label)  # an unknown label must not create the store
+            stored_label(db, label)  # an unknown label must not create the store
         with changing(self.path, erases=True) as db:
-            label = known(db, label)
+            label = stored_label(db, label)
             removed = db.execute(
                 "DELETE FROM examples WHERE label = ?1 AND (?2 IS NULL OR id = ?2)",
                 (label, None if example is None else str(example)),
@@ -215,8 +220,13 @@ class SupportStore:
                 )
             return removed
 
-    def rename(self, old: str, new: str) -> int:
-        """Give a label another name; how many examples it has. Its own threshold goes with it.
+    def rename(
+        self, old: str, new: str, settings: Mapping[str, Callable[[str], str]] | None = None
+    ) -> int:
+        """Give a label another name; how many examples it has.
+
+        Args:
+            settings: what to make of the texts of settings in the same transaction, by name.
 
         Raises:
             SupportError: the label is not enrolled.
@@ -224,15 +234,15 @@ class SupportStore:
         """
         new = check_label(new)
         with reading(self.path) as db:
-            known(db, old)  # an unknown label must not create the store
+            stored_label(db, old)  # an unknown label must not create the store
         with changing(self.path) as db:
-            old = known(db, old)
+            old = stored_label(db, old)
             if new != old and holds_negatives(db, new) is not None:
                 raise UsageError(
                     f"`{new}` is enrolled already; remove it first or choose another name."
                 )
             rename_embeddings(db, old, new)
-            rename_threshold(db, old, new)
+            change_settings(db, settings or {})
             return rename_examples(db, self.path, old, new)
 
     def clear(self, settings: bool = False) -> int:

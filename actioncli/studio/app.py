@@ -15,6 +15,7 @@ from starlette.routing import Route, WebSocketRoute
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.pose.read import ReadOptions
+from actioncli.recognition.threshold import rename_action
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.studio.answers import Answer, application, checked_tau, decision_entry, json_object
@@ -107,7 +108,7 @@ class Studio:
         """Give an action another name."""
         asked = await json_object(request)
         old, new = _text(asked, "label"), _text(asked, "new")
-        renamed = await asyncio.to_thread(self.support.store.rename, old, new)
+        renamed = await asyncio.to_thread(rename_action, self.support.store, old, new)
         return Answer({"examples": renamed})
 
     async def send(self, request: Request) -> Response:

@@ -3,7 +3,10 @@
 import json
 from pathlib import Path
 
-from actioncli import SupportStore
+import pytest
+
+from actioncli import Recognizer, SupportStore
+from actioncli.errors import WeightsError
 
 from .conftest import Invoke, MakeClip
 
@@ -23,6 +26,25 @@ def test_a_support_set_travels(
         "file": str(file),
         "examples": 2,
     }
+
+
+def test_an_import_embeds_what_it_added_where_the_weights_allow_it(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "actions.safetensors"
+    filled.export(file)
+    stores = [SupportStore(tmp_path / name) for name in ("one.db", "two.db")]
+    assert invoke("import", file, "--store", stores[0].path).exit_code == 0
+    checksum = Recognizer().weights.checksum
+    found = stores[0].snapshot(checksum)
+    assert (len(found.embeddings), dict(found.clips)) == (5, {})
+
+    def refuse(self: Recognizer) -> None:
+        raise WeightsError("no weights")
+
+    monkeypatch.setattr(Recognizer, "__init__", refuse)
+    assert invoke("import", file, "--store", stores[1].path).exit_code == 0
+    assert len(stores[1].snapshot(checksum).clips) == 5
 
 
 def test_export_of_nothing_is_code_4(invoke: Invoke, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from actioncli import Clip, StoreError, SupportStore
-from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
+from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold, rename_action
 
 
 @pytest.fixture
@@ -35,10 +35,10 @@ def test_an_action_s_own_threshold_goes_with_its_name(store: SupportStore) -> No
         ("squat", "stand", {"greet": 0.9, "bow": 0.7}),
         ("greet", "wave", {"wave": 0.9, "bow": 0.7}),
     ):
-        store.rename(old, new)
+        rename_action(store, old, new)
         assert kept_threshold(store) == Threshold(0.5, "abc", own)
     keep_threshold(store, Threshold(0.5, "abc", {"greet": 0.1}))
-    store.rename("wave", "greet")
+    rename_action(store, "wave", "greet")
     assert kept_threshold(store) == Threshold(0.5, "abc")
     assert store.check() == []
 
@@ -49,7 +49,7 @@ def test_what_is_no_threshold_keeps_no_label_from_another_name(
 ) -> None:
     store.enroll("wave", Clip(np.random.default_rng(0).random((20, 1, 3)), ["left_wrist"], 30))
     store.set_setting("threshold", text)
-    assert store.rename("wave", "greet") == 1
+    assert rename_action(store, "wave", "greet") == 1
     with pytest.raises(StoreError, match="damaged"):
         kept_threshold(store)
 

@@ -16,7 +16,7 @@ from storing import make_clip, same
 
 from actioncli.errors import ClipError, StoreError, SupportError, UsageError
 from actioncli.store.record import seal
-from actioncli.store.store import Action, Enrolled, SupportStore
+from actioncli.store.store import Action, Inserted, SupportStore
 
 ASK = """
 import sys
@@ -31,7 +31,7 @@ def test_a_clip_comes_back_bit_for_bit(store: SupportStore) -> None:
     for seed, confidence in ((0, False), (1, True)):
         clip = make_clip(seed, confidence=confidence, source="/home/anna/wave.npy")
         enrolled = store.enroll("  wave ", clip, note="left\nhand")
-        assert enrolled == Enrolled(seed + 1, "wave", added=True)
+        assert enrolled == Inserted(seed + 1, "wave", added=True)
         again = store.clip(enrolled.example)
         assert same(again, clip)
         assert again.source == "wave.npy"
@@ -48,7 +48,7 @@ def test_a_clip_comes_back_bit_for_bit(store: SupportStore) -> None:
 def test_the_same_clip_is_not_doubled(store: SupportStore) -> None:
     first = store.enroll("wave", make_clip(0))
     again = store.enroll("wave", make_clip(0, source="other.npy"), note="again")
-    assert again == Enrolled(first.example, "wave", added=False)
+    assert again == Inserted(first.example, "wave", added=False)
     assert store.enroll("clap", make_clip(0)).added
     assert [enrolled.added for enrolled in store.enroll_all([("x", make_clip(1))] * 2)] == [
         True, False,
