@@ -265,9 +265,3 @@ def _blocks(
 def sigmoid(x: NDArray[Any]) -> FloatArray:
     """1 / (1 + exp(-x)); tanh cannot overflow, exp can."""
     return np.asarray(0.5 + 0.5 * np.tanh(0.5 * x), np.float32)
-
-
-def softmax(x: NDArray[Any]) -> FloatArray:
-    """Along the last axis."""
-    weights = np.exp(x - x.max(axis=-1, keepdims=True))
-    return np.asarray(weights / weights.sum(axis=-1, keepdims=True), np.float32)

@@ -12,20 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.parts import PARTS
-from actioncli.clips.skeleton import BONES
-from actioncli.model.arrays import Array, Params, namespace
+from actioncli.model.arrays import Array, Params, like, linear, namespace, normed, relu, softmax
 from actioncli.model.parts_config import PartsConfig
-from actioncli.model.trx_os import layer_norm
+from actioncli.model.parts_tokens import BODY, HAND
 
-# Bones of torso, arms and legs; the last one of each ends where the part ends.
-_BONES = ((2, 7, 0), (8, 10, 12), (9, 11, 13), (0, 3, 5), (1, 4, 6))
-_BODY, _HAND = 33, 180  # numbers a token: see `tokens`
 _KERNEL, _GROUPS = 5, 4
 # How much a prototype's attention falls off with the distance in time, at first.
 DECAY = 3.0
@@ -50,8 +46,8 @@ def parameter_shapes(config: PartsConfig) -> dict[str, tuple[int, ...]]:
     """Name and shape of every tensor that training learns."""
     p, d, w, e = len(PARTS), config.width, config.key_width, config.evidence
     shapes: dict[str, tuple[int, ...]] = {
-        "body.weight": (p - 2, _BODY, d),
-        "hand.weight": (_HAND, d),
+        "body.weight": (p - 2, BODY, d),
+        "hand.weight": (HAND, d),
         "part.bias": (p, d),
         "part.missing": (p, d),
         "positions": (config.tokens, d),
@@ -97,68 +93,6 @@ def parameter_shapes(config: PartsConfig) -> dict[str, tuple[int, ...]]:
     }
 
 
-@lru_cache(maxsize=1)
-def _reach() -> NDArray[np.float32]:
-    """(14, 14): length of each bone that leads from the pelvis to a joint, else 0."""
-    row = {child: at for at, (child, _, _) in enumerate(BONES)}
-    reach = np.zeros((len(BONES), len(BONES)), np.float32)
-    for at, (child, parent, length) in enumerate(BONES):
-        if parent in row:
-            reach[at] = reach[row[parent]]
-        reach[at, row[child]] = length
-    return reach
-
-
-def tokens(
-    config: PartsConfig, bones: Array, hands: Array, missing: Array
-) -> tuple[Array, Array, Array]:
-    """What the first layer reads of clips (see `PartFrames`): neighbouring frames are averaged.
-
-    Of a part of the body 3 bones' directions, their deviation from the clip's mean, where the
-    part ends, the joints' velocity, and the end's deviation; of a hand 20 bones' directions,
-    deviations and velocities. The factors bring them to like size.
-
-    Returns:
-        body (N, T, 5, 33), hands (N, T, 2, 180), and missing (N, P, T) as 0 or 1.
-    """
-    xp = namespace(bones)
-    n, t, step = len(bones), config.tokens, bones.shape[1] // config.tokens
-    bones = xp.mean(xp.reshape(bones, (n, t, step, len(BONES), 3)), axis=2)
-    place = xp.matmul(like(bones, _reach()), bones)
-    turned, moved = _deviation(bones), _deviation(place)
-    velocity = _velocity(place)
-    body = xp.stack(
-        [
-            _flat(
-                bones[:, :, part],
-                1.5 * turned[:, :, part],
-                place[:, :, part[-1:]],
-                3 * velocity[:, :, part],
-                1.5 * moved[:, :, part[-1:]],
-            )
-            for part in map(list, _BONES)
-        ],
-        axis=2,
-    )
-    absent = xp.astype(missing, bones.dtype)
-    absent = xp.mean(xp.reshape(absent, (n, t, step, len(PARTS))), axis=2)
-    # A hand is there if it was seen in any of a token's frames, the body in most of them.
-    most = like(bones, np.array([0.5] * (len(PARTS) - 2) + [0.99] * 2, np.float32))
-    gone = xp.astype(absent > most, bones.dtype)
-    hands = xp.reshape(hands, (n, t, step, 2, 20, 3))
-    frames = xp.reshape(1 - xp.astype(missing[:, :, -2:], bones.dtype), (n, t, step, 2, 1, 1))
-    there = 1 - gone[:, :, -2:][..., None, None]  # (N, T, 2, 1, 1)
-    hands = xp.sum(hands * frames, axis=2) / (xp.sum(frames, axis=2) + 1 - there)
-    mean = xp.sum(hands * there, axis=1, keepdims=True)
-    mean = mean / (xp.sum(there, axis=1, keepdims=True) + 1e-6)
-    hand_velocity = _velocity(hands)
-    inner = there[:, 2:] * there[:, :-2]
-    edge = xp.zeros_like(there[:, :1])
-    hand_velocity = hand_velocity * xp.concat([edge, inner, edge], axis=1)
-    hands = _flat(hands, 1.5 * (hands - mean) * there, 3 * hand_velocity)
-    return body, hands, xp.permute_dims(gone, (0, 2, 1))
-
-
 def embed(
     params: Params,
     config: PartsConfig,
@@ -168,7 +102,7 @@ def embed(
     """Keys and values of every token of every part.
 
     Args:
-        tokens: from `tokens`.
+        tokens: from `parts_tokens.tokens`.
         drop: dropout, in training.
     """
     body, hands, gone = tokens
@@ -176,23 +110,23 @@ def embed(
     # Parts first: (P, N, T, ...), a matrix for each part of the body and one for both hands.
     body = xp.permute_dims(body, (2, 0, 1, 3))
     p, n, t, d = len(PARTS), body.shape[1], config.tokens, config.width
-    body = xp.reshape(body, (p - 2, n * t, _BODY)) @ params["body.weight"]
-    hands = xp.reshape(xp.permute_dims(hands, (2, 0, 1, 3)), (2, n * t, _HAND))
+    body = xp.reshape(body, (p - 2, n * t, BODY)) @ params["body.weight"]
+    hands = xp.reshape(xp.permute_dims(hands, (2, 0, 1, 3)), (2, n * t, HAND))
     x = xp.concat([body, hands @ params["hand.weight"]], axis=0) + params["part.bias"][:, None]
     gone = xp.reshape(xp.permute_dims(gone, (1, 0, 2)), (p, n * t, 1))
     x = drop(x * (1 - gone) + params["part.missing"][:, None] * gone)
     x = xp.reshape(x, (p, n, t, d)) + params["positions"]
     for block in range(config.layers):
         name = f"block{block}"
-        x = x + drop(_convolved(params, name, _normed(params, f"{name}.conv", x)))
-        reduced = _linear(params, f"{name}.reduce", _normed(params, f"{name}.mix", x))
+        x = x + drop(_convolved(params, name, normed(params, f"{name}.conv", x)))
+        reduced = linear(params, f"{name}.reduce", normed(params, f"{name}.mix", x))
         reduced = xp.reshape(xp.permute_dims(reduced, (1, 2, 0, 3)), (n, t, p * (d // 4)))
-        x = x + drop(_linear(params, f"{name}.mix", reduced))[None]
-        inner = relu(_linear(params, f"{name}.up", _normed(params, f"{name}.mlp", x)))
-        x = x + drop(_linear(params, f"{name}.down", inner))
-    x = _normed(params, "norm", x)
-    keys = _normed(params, "key.norm", _linear(params, "key", x))
-    return Embedded(keys, _linear(params, "value", x), xp.reshape(1 - gone, (p, n, t, 1)))
+        x = x + drop(linear(params, f"{name}.mix", reduced))[None]
+        inner = relu(linear(params, f"{name}.up", normed(params, f"{name}.mlp", x)))
+        x = x + drop(linear(params, f"{name}.down", inner))
+    x = normed(params, "norm", x)
+    keys = normed(params, "key.norm", linear(params, "key", x))
+    return Embedded(keys, linear(params, "value", x), xp.reshape(1 - gone, (p, n, t, 1)))
 
 
 def logits(
@@ -257,7 +191,7 @@ def _one_way(
     evidence = relu(apart_values @ params["evidence.apart.weight"] + asked - found[..., w:])
     evidence = evidence * (queries.present * ever)
     evidence = xp.reshape(xp.permute_dims(evidence, (1, 2, 0, 3)), (s, q, t, -1))
-    moments = drop(relu(_linear(params, "parts", evidence)))  # (S, Q, T, 2E)
+    moments = drop(relu(linear(params, "parts", evidence)))  # (S, Q, T, 2E)
     importance = xp.permute_dims(moments @ params["moment.weight"], (0, 1, 3, 2))  # (S, Q, 1, T)
     pooled = xp.concat(
         [
@@ -267,8 +201,8 @@ def _one_way(
         ],
         axis=-1,
     )
-    judged = drop(relu(_linear(params, "judge0", pooled)))
-    return _linear(params, "judge1", judged)[..., 0]
+    judged = drop(relu(linear(params, "judge0", pooled)))
+    return linear(params, "judge1", judged)[..., 0]
 
 
 def _side_by_side(clips: Embedded) -> Embedded:
@@ -297,57 +231,3 @@ def _convolved(params: Params, name: str, x: Array) -> Array:
     rows = xp.reshape(beside, (_GROUPS, p * n * t, _KERNEL * group)) @ params[f"{name}.conv.weight"]
     rows = xp.reshape(xp.permute_dims(rows, (1, 0, 2)), (p, n, t, d))
     return relu(rows + params[f"{name}.conv.bias"])
-
-
-def _flat(*parts: Array) -> Array:
-    """Numbers side by side: (..., K, 3) each to (..., ΣK·3)."""
-    xp = namespace(parts[0])
-    flat = [xp.reshape(part, (*part.shape[:-2], 3 * part.shape[-2])) for part in parts]
-    return xp.concat(flat, axis=-1)
-
-
-def _deviation(x: Array) -> Array:
-    """From the mean over time, axis 1."""
-    return x - namespace(x).mean(x, axis=1, keepdims=True)
-
-
-def _velocity(x: Array) -> Array:
-    """Central differences over time, axis 1; zero at both ends."""
-    xp = namespace(x)
-    edge = xp.zeros_like(x[:, :1])
-    return xp.concat([edge, (x[:, 2:] - x[:, :-2]) / 2, edge], axis=1)
-
-
-def like(x: Array, constant: NDArray[Any]) -> Array:
-    """A constant as an array of the same kind, type and device as `x`."""
-    if isinstance(x, np.ndarray):
-        return constant
-    return namespace(x).asarray(constant, dtype=x.dtype, device=x.device)
-
-
-def softmax(x: Array) -> Array:
-    """Along the last axis."""
-    if not isinstance(x, np.ndarray):
-        return namespace(x).softmax(x, dim=-1)
-    weights = np.exp(x - np.max(x, axis=-1, keepdims=True))
-    return weights / np.sum(weights, axis=-1, keepdims=True)
-
-
-def relu(x: Array) -> Array:
-    """The positive part."""
-    return np.maximum(x, 0) if isinstance(x, np.ndarray) else namespace(x).relu(x)
-
-
-def _linear(params: Params, name: str, x: Array) -> Array:
-    """A layer, all rows below each other."""
-    weight = params[f"{name}.weight"]
-    xp = namespace(x)
-    rows = xp.reshape(x, (-1, x.shape[-1])) @ weight + params[f"{name}.bias"]
-    return xp.reshape(rows, (*x.shape[:-1], weight.shape[1]))
-
-
-def _normed(params: Params, name: str, x: Array) -> Array:
-    scale, shift = params[f"{name}.scale"], params[f"{name}.shift"]
-    if isinstance(x, np.ndarray):
-        return layer_norm(x, scale, shift)
-    return namespace(x).layer_norm(x, (x.shape[-1],), scale, shift, 1e-5)

@@ -8,7 +8,7 @@ import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.parts import PARTS, prepare_parts
-from actioncli.model import parts
+from actioncli.model import parts, parts_tokens
 from actioncli.model.arrays import Params
 from actioncli.model.parts_config import PartsConfig
 
@@ -28,7 +28,7 @@ def embed(params: Params, config: PartsConfig, clips: Sequence[Clip]) -> FloatAr
     """
     embedded = np.empty((len(clips), config.tokens, config.embedding_width), np.float32)
     if len(clips):
-        tokens = parts.tokens(config, *prepare_parts(clips, config.preparation))
+        tokens = parts_tokens.tokens(config, *prepare_parts(clips, config.preparation))
         joined = np.concatenate(parts.embed(params, config, tokens), axis=-1)  # (P, N, T, 2W + 1)
         embedded[:] = joined.transpose(1, 2, 0, 3).reshape(embedded.shape)
     return embedded

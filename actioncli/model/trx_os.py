@@ -22,7 +22,16 @@ from typing import Any
 
 import numpy as np
 
-from actioncli.model.arrays import Array, Params, dot, namespace, total
+from actioncli.model.arrays import (
+    Array,
+    Params,
+    dot,
+    linear,
+    namespace,
+    normed,
+    relu,
+    total,
+)
 from actioncli.model.config import ModelConfig
 
 
@@ -92,21 +101,21 @@ def psi(
     xp = namespace(x)
     if not config.convolutions:
         for layer in ("psi.0", "psi.1"):
-            x = relu(_linear(params, layer, x))
+            x = relu(linear(params, layer, x))
         return x
-    x = _linear(params, "psi.0", x)
+    x = linear(params, "psi.0", x)
     for block in range(config.convolutions):
         name = f"psi.block{block}"
-        inner = _normed(params, f"{name}.norm", x)
+        inner = normed(params, f"{name}.norm", x)
         edge = xp.zeros_like(inner[:, :1])
         beside = [
             xp.concat([edge, inner[:, :-1]], axis=1),
             inner,
             xp.concat([inner[:, 1:], edge], axis=1),
         ]
-        inner = relu(_linear(params, f"{name}.conv", xp.concat(beside, axis=2)))
-        x = x + drop(_linear(params, f"{name}.out", inner))
-    return _normed(params, "psi.norm", x)
+        inner = relu(linear(params, f"{name}.conv", xp.concat(beside, axis=2)))
+        x = x + drop(linear(params, f"{name}.out", inner))
+    return normed(params, "psi.norm", x)
 
 
 @lru_cache(maxsize=8)
@@ -171,7 +180,7 @@ def pairs(params: Params, config: ModelConfig, projected: Array) -> tuple[Array,
             projected[..., at + w : at + 2 * w], second, axis=1
         )
 
-    return _normed(params, "key.norm", of_pairs(0)), of_pairs(2 * w)
+    return normed(params, "key.norm", of_pairs(0)), of_pairs(2 * w)
 
 
 def attention(query_keys: Array, support_keys: Array) -> Array:
@@ -228,7 +237,7 @@ def distance(config: ModelConfig, difference: Array) -> Array:
 
 def tuple_features(params: Params, difference: Array) -> Array:
     """First layer of Disc: each pair's difference reduced, (..., P, W) → (..., P, 16)."""
-    return relu(_linear(params, "disc.tuple", difference))
+    return relu(linear(params, "disc.tuple", difference))
 
 
 def judge(params: Params, features: Array) -> Array:
@@ -243,8 +252,8 @@ def judge(params: Params, features: Array) -> Array:
     xp = namespace(features)
     x = xp.reshape(features, (*features.shape[:-2], features.shape[-2] * features.shape[-1]))
     for layer in ("disc.0", "disc.1"):
-        x = relu(_linear(params, layer, x))
-    return _linear(params, "disc.2", x)[..., 0]
+        x = relu(linear(params, layer, x))
+    return linear(params, "disc.2", x)[..., 0]
 
 
 def discriminator(params: Params, difference: Array) -> Array:
@@ -257,32 +266,3 @@ def discriminator(params: Params, difference: Array) -> Array:
         (...) logits.
     """
     return judge(params, tuple_features(params, difference))
-
-
-def layer_norm(x: Array, scale: Array, shift: Array) -> Array:
-    """Zero mean and unit variance along the last axis, then scaled and shifted."""
-    xp = namespace(x)
-    numbers = x.shape[-1]
-    centred = x - total(x) / numbers
-    variance = dot(centred, centred)[..., None] / numbers
-    return centred / xp.sqrt(variance + 1e-5) * scale + shift
-
-
-def relu(x: Array) -> Array:
-    """The positive part; `maximum` with a number is not in every version of the standard."""
-    if isinstance(x, np.ndarray):
-        return np.maximum(x, 0)
-    xp = namespace(x)
-    return x * xp.astype(x > 0, x.dtype)
-
-
-def _linear(params: Params, name: str, x: Array) -> Array:
-    """A layer. Its rows are put below each other: numpy would multiply a matrix for each clip."""
-    weight = params[f"{name}.weight"]
-    xp = namespace(x)
-    rows = xp.reshape(x, (-1, x.shape[-1])) @ weight + params[f"{name}.bias"]
-    return xp.reshape(rows, (*x.shape[:-1], weight.shape[1]))
-
-
-def _normed(params: Params, name: str, x: Array) -> Array:
-    return layer_norm(x, params[f"{name}.scale"], params[f"{name}.shift"])

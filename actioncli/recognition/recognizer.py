@@ -16,6 +16,7 @@ from actioncli.clips.edit import cut
 from actioncli.clips.prepare import prepare_all
 from actioncli.errors import SupportError, WeightsError
 from actioncli.model import compare, parts_compare
+from actioncli.model.arrays import softmax
 from actioncli.model.embedding import embed
 from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import Weights, read_weights
@@ -116,7 +117,7 @@ class Recognizer:
             labels=np.array(list(support)),
             distance=distance,
             confidence=compare.sigmoid(logit),
-            probability=compare.softmax(logit if config.distance_is_odds else -distance),
+            probability=softmax(logit if config.distance_is_odds else -distance),
         )
 
     def classify(

@@ -11,7 +11,7 @@ from torch import Generator, Tensor
 from torch.nn import functional
 
 from actioncli.errors import UsageError
-from actioncli.model import parts
+from actioncli.model import parts, parts_tokens
 from actioncli.model.parts_config import PartsConfig
 from actioncli.training.checkpoint import TrainingState
 from actioncli.training.data import cut_long_recordings
@@ -104,7 +104,7 @@ def _loss(
         return functional.dropout(x, recipe.dropout)
 
     config = recipe.config
-    embedded = parts.embed(params, config, parts.tokens(config, *seen), drop)
+    embedded = parts.embed(params, config, parts_tokens.tokens(config, *seen), drop)
     losses, right, start = [], [], 0
     for task in drawn:
         w = len(task.same)

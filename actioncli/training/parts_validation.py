@@ -8,7 +8,7 @@ from actioncli.clips.clip import FloatArray
 from actioncli.clips.parts import prepare_parts
 from actioncli.errors import UsageError
 from actioncli.evaluation.metrics import auroc, oscr
-from actioncli.model import parts
+from actioncli.model import parts, parts_tokens
 from actioncli.model.arrays import Params
 from actioncli.model.parts_config import PartsConfig
 from actioncli.training.data import Indices, TrainingSet
@@ -55,7 +55,7 @@ class PartsValidation:
             (np.searchsorted(used, support), np.searchsorted(used, queries), targets)
             for support, queries, targets in drawn
         ]
-        self._tokens = parts.tokens(
+        self._tokens = parts_tokens.tokens(
             config, *prepare_parts([data.clips[row] for row in used], config.preparation)
         )
 

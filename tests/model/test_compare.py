@@ -16,6 +16,7 @@ from actioncli.clips.prepare import prepare
 from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.model import compare, trx_os
+from actioncli.model.arrays import softmax
 from actioncli.model.config import ModelConfig
 from actioncli.model.embedding import embed
 from actioncli.model.features import mirror, token_features
@@ -151,7 +152,7 @@ def test_queries_in_pieces_are_compared_as_together(
 
 
 def test_probabilities_of_large_numbers() -> None:
-    found = compare.softmax(np.array([[1000.0, 999.0], [-1000.0, -1000.0]]))
+    found = softmax(np.array([[1000.0, 999.0], [-1000.0, -1000.0]]))
     np.testing.assert_allclose(found, [[0.731059, 0.268941], [0.5, 0.5]], rtol=1e-5)
 
 

@@ -10,7 +10,7 @@ import pytest
 from actioncli import Clip, Recognizer, WeightsError, read_clip
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.parts import PARTS, PartFrames, prepare_parts
-from actioncli.model import parts
+from actioncli.model import parts, parts_tokens
 from actioncli.model.parts_config import PartsConfig
 from actioncli.model.weights import Weights, read_weights, write_weights
 from actioncli.recognition.explanation import explain
@@ -42,13 +42,13 @@ def some_frames(n: int = 5) -> PartFrames:
 
 
 def embedded(frames: PartFrames) -> parts.Embedded:
-    return parts.embed(PARAMS, CONFIG, parts.tokens(CONFIG, *frames))
+    return parts.embed(PARAMS, CONFIG, parts_tokens.tokens(CONFIG, *frames))
 
 
 def test_numpy_and_torch_agree() -> None:
     torch = pytest.importorskip("torch")
     params = {name: torch.from_numpy(tensor) for name, tensor in PARAMS.items()}
-    tensors = parts.tokens(CONFIG, *map(torch.from_numpy, some_frames()))
+    tensors = parts_tokens.tokens(CONFIG, *map(torch.from_numpy, some_frames()))
     other = parts.embed(params, CONFIG, tensors)
     here = embedded(some_frames())
     for one, two in zip(here, other, strict=True):

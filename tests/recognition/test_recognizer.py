@@ -14,7 +14,7 @@ import pytest
 
 from actioncli import Clip, Recognizer, SupportError, WeightsError, read_clip
 from actioncli.clips.clip import FloatArray
-from actioncli.model.compare import softmax
+from actioncli.model.arrays import softmax
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights
