@@ -67,6 +67,16 @@ EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 
 
+# What people type, and what they mean.
+_MEANT = {
+    "list": "list-support",
+    "ls": "list-support",
+    "help": "--help",
+    "version": "--version",
+    "enrol": "enroll",
+}
+
+
 def _build(name: str) -> Any:
     module, _, function = COMMANDS[name].partition(":")
     single = typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -89,6 +99,8 @@ class Application(TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in _MEANT:
+            ctx.fail(f"There is no command {cmd_name!r}; try 'actioncli {_MEANT[cmd_name]}'.")
         # An unknown name loads them all, so that Typer can suggest the one that was meant.
         for name in [cmd_name] if cmd_name in COMMANDS else COMMANDS:
             if name not in self.commands:

@@ -91,6 +91,10 @@ def enroll(
         raise UsageError("--camera records the clip of a label; files are enrolled without it.")
     if math.isnan(seconds):  # neither less nor more than the option's bounds
         raise UsageError("--seconds must be a number from 0.5 to 60.")
+    if camera is None and not paths and Path(label).exists():
+        raise UsageError(
+            f"{label} is a file, and the label is missing: actioncli enroll LABEL {label}"
+        )
     if camera is None and not paths:
         raise UsageError("Missing argument 'CLIP...'. See 'actioncli enroll --help'.")
     label = NEGATIVES if negative else check_label(label)

@@ -47,6 +47,11 @@ class Collection:
     name: str
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        classes, people = len(set(self.labels)), len(set(self.subjects))
+        counts = f"{len(self.clips)} clips, {classes} classes, {people} people"
+        return f"Collection({self.name!r}, {counts})"
+
     def __post_init__(self) -> None:
         """Check the lengths.
 

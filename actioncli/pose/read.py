@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,6 +123,13 @@ def read_any(
 
     options = options or ReadOptions()
     file = Path(path)
+    # A path has lost one of the slashes.
+    if address := re.match(r"([a-z]{3,5}):/+", str(path)):
+        whole = f"{address[1]}://{str(path)[address.end() :]}"
+        raise ClipError(
+            f"{whole}: is an address, and clips are read from files: download it first, or watch "
+            f"it: actioncli watch {whole}"
+        )
     video = is_video(file)
     for name in ("fps", "layout", "unit", "up") if video else ("end", "person", "start"):
         if getattr(options, name) is not None:

@@ -83,9 +83,17 @@ class Decision:
 
     @property
     def comparison(self) -> str:
-        """`confidence 0.93 > tau 0.50`, as people are told it."""
+        """`confidence 0.93 > tau 0.50`, with as many digits as it takes to see that they differ."""
         sign = ">" if self.confidence > self.tau else "<="
-        return f"confidence {self.confidence:.2f} {sign} tau {self.tau:.2f}"
+        for digits in range(2, 7):
+            sure, tau = f"{self.confidence:.{digits}f}", f"{self.tau:.{digits}f}"
+            if sure != tau or self.confidence == self.tau:
+                break
+        return f"confidence {sure} {sign} tau {tau}"
+
+    def __bool__(self) -> bool:
+        """Whether the clip is accepted."""
+        return self.accepted
 
     def __repr__(self) -> str:
         verdict = f"rejected, nearest {self.nearest}"

@@ -14,7 +14,7 @@ import numpy as np
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
 from actioncli.clips.prepare import prepare_all
-from actioncli.errors import SupportError, WeightsError
+from actioncli.errors import SupportError, UsageError, WeightsError
 from actioncli.model import compare, parts_compare
 from actioncli.model.arrays import softmax
 from actioncli.model.embedding import embed
@@ -74,6 +74,9 @@ class Recognizer:
         """
         if isinstance(clips, np.ndarray):
             return clips
+        for clip in clips:
+            if not isinstance(clip, Clip):
+                raise UsageError(f"{clip!r} is no clip; read it first: actioncli.read_clip(path).")
         config = self.weights.config
         if isinstance(config, PartsConfig):
             return parts_compare.embed(self.weights.tensors, config, clips)

@@ -17,8 +17,14 @@ LONGEST_SOURCE = 255
 LONGEST_NOTE = 500
 
 
+# Letters to Unicode, and nothing on the screen: fillers of Hangul, the braille pattern of no dots.
+_INVISIBLE = frozenset("\u115f\u1160\u2800\u3164\uffa0")
+
+
 def _steers(character: str) -> bool:
     """Whether a character is more than a mark on the screen; blanks of any width are not."""
+    if character in _INVISIBLE:
+        return True
     if character.isprintable():
         return False
     import unicodedata

@@ -52,7 +52,10 @@ def test_short_help_fits_its_line(invoke: Invoke) -> None:
     ("words", "named"),
     [
         (["clasify", "x"], "Did you mean 'classify'?"),
+        (["list"], "actioncli list-support"),
+        (["version"], "actioncli --version"),
         (["classify"], "Missing argument"),
+        (["enroll", __file__], f"actioncli enroll LABEL {__file__}"),
         (["classify", "--bogus", "x"], "--bogus"),
         (["classify", "--tau", "high", "x"], "--tau"),
         (["classify", "--tau", "1.5", "x"], "between 0 and 1"),
@@ -60,6 +63,7 @@ def test_short_help_fits_its_line(invoke: Invoke) -> None:
         (["classify", "--top", "-1", "x"], "--top"),
         (["enroll", " ", "x.npy"], "label"),
         (["enroll", "a\x1b[31mb", "x.npy"], "U+001B"),
+        (["enroll", "\u3164", "x.npy"], "U+3164"),
         (["remove", "wave", "--example", "two"], "--example"),
     ],
 )

@@ -44,3 +44,10 @@ def test_what_is_neither_is_told_with_both_kinds(tmp_path: Path) -> None:
         read_any(picture)
     with pytest.raises(ClipError, match=r"b\.png: no such file"):
         read_any(tmp_path / "b.png")
+
+
+def test_an_address_is_no_file() -> None:
+    """Of `https://`, a path keeps one slash."""
+    for address in ("https://example.org/v.mp4", Path("https://example.org/v.mp4")):
+        with pytest.raises(ClipError, match="https://example"):
+            read_any(address)

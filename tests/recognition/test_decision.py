@@ -26,6 +26,14 @@ def test_confidence_must_exceed_the_threshold_of_the_nearest_action() -> None:
     assert [ranked.label for ranked in accepted.ranking] == ["wave", "bow"]
 
 
+def test_a_rejected_decision_is_false_and_says_by_how_little() -> None:
+    assert decided(0.51)
+    rejected = decided(0.4996)
+    assert not rejected
+    assert "confidence 0.4996 <= tau 0.5000" in repr(rejected)
+    assert "confidence 0.50 <= tau 0.50" in repr(decided(0.5))
+
+
 def test_no_confidence_accepts_what_is_nearer_to_a_negative() -> None:
     assert not decided(0.9, negative=0.9).accepted
     assert decided(0.9, negative=1.0).accepted

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from actioncli import Clip, Recognizer, SupportError, WeightsError, read_clip
+from actioncli import Clip, Recognizer, SupportError, UsageError, WeightsError, read_clip
 from actioncli.clips.clip import FloatArray
 from actioncli.model.arrays import softmax
 from actioncli.model.config import ModelConfig
@@ -425,3 +426,9 @@ def test_windows_as_near_to_a_negative_as_to_the_action_are_kept(away: float) ->
     decision = OnALine().classify(LONG, {"early": place}, 0.1, place, LASTING)
     assert (decision.label, decision.part) == ("early", time_of(first))
     assert decision.nearest_negative == decision.ranking[0].distance
+
+
+def test_a_path_in_a_clips_place_is_told(clips: dict[str, Clip]) -> None:
+    query: Any = "query.npz"
+    with pytest.raises(UsageError, match="read it first"):
+        Recognizer().classify_all([query], {"squat": [clips["squat/ada"]]})
