@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import cases
@@ -9,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actioncli.clips.clip import FloatArray
+from actioncli.clips.prepare import Preparation
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.features import token_features
@@ -26,8 +29,8 @@ def random_params(seed: int, config: ModelConfig = CONFIG) -> dict[str, FloatArr
     }
 
 
-def random_frames(seed: int, clips: int) -> FloatArray:
-    return np.random.default_rng(seed).normal(size=(clips, 16, 15, 3)).astype(np.float32)
+def random_frames(seed: int, clips: int, frames: int = 16) -> FloatArray:
+    return np.random.default_rng(seed).normal(size=(clips, frames, 15, 3)).astype(np.float32)
 
 
 def plain(params: dict[str, FloatArray], query: FloatArray, support: FloatArray) -> FloatArray:
@@ -79,10 +82,20 @@ def test_projecting_frames_first_equals_the_plain_tuple_matrix(seed: int, shots:
     )
 
 
-@pytest.mark.parametrize("measure", ["l2", "squared"])
-def test_numpy_and_torch_agree(measure: str) -> None:
-    config = ModelConfig(distance=measure)  # type: ignore[arg-type]  # parametrised
-    params, frames = random_params(3), random_frames(4, 6)
+SWITCHED_ON = ModelConfig(
+    Preparation(frames=48, size="standard", heading=True),
+    distance="l2",
+    body_features=True,
+    convolutions=2,
+)
+
+
+@pytest.mark.parametrize(
+    "config", [CONFIG, replace(CONFIG, distance="l2"), SWITCHED_ON], ids=["paper", "l2", "default"]
+)
+def test_numpy_and_torch_agree(config: ModelConfig) -> None:
+    params = random_params(3, config)
+    frames = random_frames(4, 6, config.preparation.frames)
     tensors = {name: torch.from_numpy(value) for name, value in params.items()}
 
     def forward(weights, x):  # type: ignore[no-untyped-def]  # either array type
