@@ -57,6 +57,10 @@ class Check:
     detail: str
     exit_code: int = 0
 
+    def to_json(self) -> dict[str, object]:
+        """As plain values, without the exit code."""
+        return {"name": self.name, "status": self.status, "detail": self.detail}
+
 
 @command
 def doctor(
@@ -106,13 +110,10 @@ def doctor(
     if settings.json:
         document: dict[str, object] = {
             "ok": not problems,
-            "checks": [
-                {"name": check.name, "status": check.status, "detail": check.detail}
-                for check in checks
-            ],
+            "checks": [check.to_json() for check in checks],
         }
         if repair:
-            document["repair"] = None if repaired is None else _report(repaired)
+            document["repair"] = None if repaired is None else repaired.to_json()
         write_json(document)
     else:
         shown = problems if settings.quiet else checks
@@ -148,17 +149,6 @@ def _repair(settings: Settings) -> Repair | None:
     if not done.complete:
         say("Whether more is gone cannot be told: the list of examples was damaged too.")
     return done
-
-
-def _report(repaired: Repair) -> dict[str, object]:
-    return {
-        "kept": str(repaired.kept),
-        "salvaged": len(repaired.labels),
-        "doubtful": list(repaired.doubtful),
-        "gone": [{"id": each.id, "label": each.label, "why": each.why} for each in repaired.gone],
-        "settings_gone": list(repaired.settings_gone),
-        "complete": repaired.complete,
-    }
 
 
 def _packages() -> Iterator[Check]:
@@ -208,8 +198,10 @@ def _recognition(weights: Path | None) -> Iterator[Check]:
         loaded = recognizer.weights
         recipe = loaded.metadata.get("recipe")
         # The whole recipe is a page of settings.
-        told = {**loaded.metadata, "recipe": recipe.get("name")} if isinstance(recipe, dict) else {}
-        made = ", ".join(f"{key} {told[key]}" for key in ("recipe", "seed") if key in told)
+        stated = (
+            {**loaded.metadata, "recipe": recipe.get("name")} if isinstance(recipe, dict) else {}
+        )
+        made = ", ".join(f"{key} {stated[key]}" for key in ("recipe", "seed") if key in stated)
         yield Check(
             "weights", "ok", f"{loaded.path} ({made or 'no recipe'}, {loaded.checksum[:12]})"
         )
@@ -235,10 +227,10 @@ def _poses() -> Iterator[Check]:
         start = time.perf_counter()
         estimate(np.zeros((SIDE, SIDE, 3), np.uint8), Region(SIDE / 2, SIDE / 2, SIDE))
         yield Check("poses", "ok", f"answers in {(time.perf_counter() - start) * 1e3:.0f} ms")
-    # Libraries of the system that are missing, or older ones, are told in many ways.
+    # Libraries of the system that are missing, or older ones, report it in many ways.
     except Exception as error:  # noqa: BLE001
-        told = " ".join(str(error).split())
-        yield Check("poses", "problem", f"no video can be read: {told}", EXIT_INCOMPLETE)
+        message = " ".join(str(error).split())
+        yield Check("poses", "problem", f"no video can be read: {message}", EXIT_INCOMPLETE)
 
 
 def _support_set(settings: Settings) -> Iterator[Check]:

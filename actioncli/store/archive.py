@@ -17,14 +17,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from actioncli.errors import ActionCliError, StoreError
+from actioncli.files import replacing
 from actioncli.store.faults import system_fault
 from actioncli.store.location import sync_folder
 from actioncli.store.record import Record, check_outline, find_flaw
@@ -100,12 +99,10 @@ def write_archive(
             f"{len(entries)} examples ({size >> 20} MB) are too many for one export; "
             "copy the store's file instead."
         )
-    temporary = None
     try:
         if path.is_symlink() or (path.exists() and not _is_archive(path)):
             raise StoreError(f"{path} is there already and is no export; choose another name.")
-        descriptor, temporary = tempfile.mkstemp(prefix=".export-", dir=path.parent)
-        with os.fdopen(descriptor, "wb") as file:
+        with replacing(path, private=True) as part, part.open("wb") as file:
             file.write(len(header).to_bytes(8, "little"))
             file.write(header)
             for record in records:
@@ -113,15 +110,9 @@ def write_archive(
                 file.write(record.confidence or b"")
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).replace(path)
-        temporary = None
         sync_folder(path.parent)
     except OSError as error:
         raise system_fault(path, error, "cannot be written") from error
-    finally:
-        if temporary is not None:
-            with suppress(OSError):
-                Path(temporary).unlink()
 
 
 def read_archive(path: Path) -> Iterator[Record]:
@@ -161,8 +152,8 @@ def _records(file: BinaryIO, size: int, path: Path) -> Iterator[Record]:
     what = str(path)
     try:
         entries, _ = _read_header(file, size)
-        for place, entry in enumerate(entries, 1):
-            what = f"{path}, example {place}"
+        for number, entry in enumerate(entries, 1):
+            what = f"{path}, example {number}"
             joints = file.read(entry.joints_size)
             confidence = file.read(entry.confidence_size) if entry.confidence else None
             record = replace(entry.record, joints=joints, confidence=confidence)
@@ -271,13 +262,13 @@ def _header(entries: Sequence[Entry], settings: Mapping[str, str] | None = None)
         metadata |= {"settings": kept, "settings_sha256": _sha256(kept)}
     header: dict[str, Any] = {"__metadata__": metadata}
     offset = 0
-    for place, entry in enumerate(entries):
+    for number, entry in enumerate(entries):
         shape = [entry.record.frames, len(entry.record.joint_names)]
         tensors = [("joints", [*shape, 3], entry.joints_size)]
         if entry.confidence:
             tensors.append(("confidence", shape, entry.confidence_size))
         for name, dimensions, size in tensors:
-            header[f"{place}/{name}"] = {
+            header[f"{number}/{name}"] = {
                 "dtype": "F32",
                 "shape": dimensions,
                 "data_offsets": [offset, offset + size],

@@ -126,6 +126,7 @@ def _prune(path: Path, db: sqlite3.Connection) -> None:
         if not copy.is_file() or copy.is_symlink():
             return
         try:
+            seen = copy.stat()
             with connected(copy) as spare:
                 # A journal would hold what is removed.
                 spare.execute("PRAGMA journal_mode = MEMORY")
@@ -134,6 +135,8 @@ def _prune(path: Path, db: sqlite3.Connection) -> None:
                 gone = [row for row in copied if row[0] not in left]
                 spare.executemany("DELETE FROM examples WHERE id = ?", gone)
                 spare.execute("COMMIT")
+            # It is as old as before: what came since it was made is still missing.
+            os.utime(copy, ns=(seen.st_atime_ns, seen.st_mtime_ns))
         except StoreError:  # it is damaged
             copy.unlink()
     except OSError as error:

@@ -72,9 +72,9 @@ def insert(db: sqlite3.Connection, record: Record) -> Inserted:
     Raises:
         UsageError: the label holds negatives and this is an action, or the other way round.
     """
-    held = holds_negatives(db, record.label)
-    if held is not None and held != record.negative:
-        there, given = ("negatives", "an action") if held else ("an action", "negatives")
+    negatives = holds_negatives(db, record.label)
+    if negatives is not None and negatives != record.negative:
+        there, given = ("negatives", "an action") if negatives else ("an action", "negatives")
         raise UsageError(f"`{record.label}` holds {there}; choose another label for {given}.")
     same = db.execute(
         "SELECT id FROM examples WHERE label = ? AND negative = ? AND checksum = ?",

@@ -153,13 +153,13 @@ COLUMNS = f"{OUTLINE}, joints, confidence"
 def seal(
     example: int, label: str, negative: bool, source: str, note: str, added: str, checksum: str
 ) -> int:
-    """CRC-32 of what is known of an example beside its content, which has its own checksum.
+    """CRC-32 of what an example has beside its content, which has its own checksum.
 
     Between them they cover every bit of an example that matters, so that one that flipped is
     noticed. Values that are no text, as damage makes them, are taken as they are.
     """
-    told = [example, label, int(negative), source, note, added, checksum]
-    return zlib.crc32(json.dumps(told, default=repr).encode())
+    sealed = [example, label, int(negative), source, note, added, checksum]
+    return zlib.crc32(json.dumps(sealed, default=repr).encode())
 
 
 def check_outline(frames: int, names: Sequence[str], source: str) -> None:

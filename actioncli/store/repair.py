@@ -16,7 +16,7 @@ import time
 import zlib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -70,6 +70,17 @@ class Repair:
     gone: list[Gone] = field(default_factory=list)
     settings_gone: list[str] = field(default_factory=list)
     complete: bool = True
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values; how many examples were salvaged, not which."""
+        return {
+            "kept": str(self.kept),
+            "salvaged": len(self.labels),
+            "doubtful": self.doubtful,
+            "gone": [asdict(each) for each in self.gone],
+            "settings_gone": self.settings_gone,
+            "complete": self.complete,
+        }
 
 
 def repair(path: Path) -> Repair | None:

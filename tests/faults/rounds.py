@@ -235,17 +235,25 @@ class Round:
             raise RoundError("something was done without a lock")
 
     def repair(self) -> None:
-        """A damaged store is repaired by processes that are killed, while others still use it."""
+        """A damaged store is repaired by processes that are killed. Without a copy, a recording is
+        damaged and others still use the store; with one, anything may be."""
         self.refusals = True
         self.fill()
         self.store.enroll("lost", make_clip(self.seed * 100_000, 60))
-        copied = self.random.random() < 0.5 and make_backup(self.store.path)
+        copied = self.random.random() < 0.5
+        if copied:
+            self.start("0", steps=10)
+            self.finish()
+            if not make_backup(self.store.path):
+                raise RoundError("a whole store was not copied")
         content = bytearray(self.store.path.read_bytes())
         joints = make_clip(self.seed * 100_000, 60).joints.astype("<f4").tobytes()
-        place = content.index(joints[-500:])
-        content[place] ^= 1 << self.random.randrange(8)
+        content[content.index(joints[-500:])] ^= 1 << self.random.randrange(8)
+        if copied:
+            self.damage(content)
         self.store.path.write_bytes(content)
-        self.start("0", steps=10)
+        if not copied:
+            self.start("0", steps=10)
         for _ in range(self.random.randint(1, 4)):
             process = fork(lambda: self.store.repair())
             self.listen(lambda: False, self.random.uniform(0, 0.03))
@@ -254,9 +262,8 @@ class Round:
         self.finish()
         done = self.store.repair()
         # The longest names lose their end, so that what is appended fits.
-        beside = self.store.path.parent.glob("*.damaged")
-        kept = next(beside, self.home / "none")
-        if not kept.exists() or content[place : place + 9] not in kept.read_bytes():
+        kept = next(self.store.path.parent.glob("*.damaged"), None)
+        if kept is None or (copied and kept.read_bytes() != content):
             raise RoundError("the damaged file was not kept")
         lost = [] if copied else [(4, "lost")]
         if done and [(gone.id, gone.label) for gone in done.gone] != lost:
@@ -266,6 +273,21 @@ class Round:
         left = {file.name for file in self.home.iterdir() if file.name.startswith(".repair-")}
         if done and left:
             raise RoundError(f"left behind: {left}")
+
+    def damage(self, content: bytearray) -> None:
+        """Bits, pages or the end of a store's file become something else."""
+        kind = self.random.choice(["bits", "zeros", "junk", "cut"])
+        for _ in range(self.random.randint(1, 5)):
+            at = self.random.randrange(len(content))
+            page = slice(at - at % 4096, at - at % 4096 + 4096)
+            if kind == "bits":
+                content[at] ^= 1 << self.random.randrange(8)
+            elif kind == "cut":
+                del content[max(at, 1) :]
+                return
+            else:
+                size = len(content[page])
+                content[page] = bytes(size) if kind == "zeros" else self.random.randbytes(size)
 
     def cli(self) -> None:
         """The program itself, one command after the other, some of them killed."""

@@ -152,7 +152,7 @@ def test_an_older_export_is_replaced_and_nothing_else_is(
         store.export(tmp_path)
     with pytest.raises(StoreError, match="cannot be written"):
         store.export(tmp_path / "no folder" / "support.safetensors")
-    assert not list(tmp_path.glob(".export-*"))
+    assert not list(tmp_path.glob(".actioncli-*"))
 
 
 def test_an_empty_store_exports_nothing(store: SupportStore, tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_damage_in_the_store_is_not_exported(store: SupportStore, exported: Path
     with pytest.raises(StoreError, match="example 2 of '挥手 🤷' is damaged"):
         store.export(exported)
     assert exported.read_bytes() == before
-    assert not list(exported.parent.glob(".export-*"))
+    assert not list(exported.parent.glob(".actioncli-*"))
 
 
 def test_too_much_for_one_export_is_told(

@@ -61,12 +61,16 @@ def test_a_process_that_ends_leaves_a_copy_of_all(store: SupportStore) -> None:
 @pytest.mark.parametrize("clear", [False, True])
 def test_what_is_removed_is_in_no_copy(store: SupportStore, clear: bool) -> None:
     store.enroll_all([("wave", make_clip(seed)) for seed in range(3)])
+    copy = backup_path(store.path)
+    made = copy.stat().st_mtime_ns - 20 * 10**9
+    os.utime(copy, ns=(made, made))
     secret = make_clip(1).joints.astype("<f4").tobytes()[:40]
     assert secret in backup_path(store.path).read_bytes()
     if clear:
         store.clear()
     else:
         store.remove("wave", 2)
+    assert copy.stat().st_mtime_ns == made  # as old as what else it holds
     for file in store.path.parent.iterdir():
         assert secret not in file.read_bytes()
     assert copied(store) == ({} if clear else {1: "wave", 3: "wave"})

@@ -72,10 +72,20 @@ def test_what_is_removed_is_forgotten_and_its_number_not_reused(store: SupportSt
     assert store.enroll("wave", make_clip(2)).example == 3
 
 
-def test_a_renamed_label_keeps_its_embeddings(store: SupportStore) -> None:
+def test_a_renamed_label_keeps_its_embeddings_and_changes_whole_settings(
+    store: SupportStore,
+) -> None:
     enroll(store, 0)
-    store.rename("wave", "greet")
+    for name in ("whole", "damaged"):
+        store.set_setting(name, "wave")
+    with closing(sqlite3.connect(store.path)) as db:
+        db.execute("UPDATE settings SET value = 'wbve' WHERE name = 'damaged'")
+        db.commit()
+    store.rename("wave", "greet", dict.fromkeys(("whole", "damaged", "none"), str.upper))
     assert sorted(store.snapshot("w").embeddings) == [1]
+    assert (store.setting("whole"), store.setting("none")) == ("WAVE", None)
+    with pytest.raises(StoreError, match="calibrated damaged is damaged"):
+        store.setting("damaged")
 
 
 @pytest.mark.parametrize("change", ["data = zeroblob(length(data))", "width = 6, frames = 8"])
