@@ -47,6 +47,8 @@ class TrainingSet:
         digest = hashlib.sha256(repr((self.classes, self.labels.tolist())).encode())
         for clip in self.clips:
             digest.update(clip.joints.data)
+            if clip.confidence is not None:
+                digest.update(clip.confidence.data)
         return digest.hexdigest()
 
     def of_classes(self, classes: Sequence[int]) -> TrainingSet:
@@ -145,7 +147,10 @@ def cut_long_recordings(data: TrainingSet) -> TrainingSet:
             # A window in which nobody moves shows no action.
             if count > 1 and not np.any(joints != joints[:1]):
                 continue
-            clips.append(Clip(joints, clip.joint_names, clip.fps) if count > 1 else clip)
+            confidence = None if clip.confidence is None else clip.confidence[first:end]
+            clips.append(
+                Clip(joints, clip.joint_names, clip.fps, confidence) if count > 1 else clip
+            )
             rows.append(row)
             names.append(f"{data.classes[label]}#{part}")
     classes, labels = np.unique(names, return_inverse=True)

@@ -1,4 +1,4 @@
-"""What an episode promises: known and unknown apart, other performers, the same for a seed."""
+"""What training draws from: episodes that a seed decides, and windows of long recordings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actioncli.training.data import TrainingSet
+from actioncli.clips.clip import Clip
+from actioncli.training.data import TrainingSet, cut_long_recordings
 from actioncli.training.episodes import draw_episodes
 
 
@@ -49,3 +50,23 @@ def test_shapes(world: TrainingSet, batch: int) -> None:
     drawn = draw_episodes(world, batch, 5, np.random.default_rng(0))
     assert drawn.support.shape == (batch, 5)
     assert drawn.queries.shape == drawn.targets.shape == (batch, 10)
+
+
+def test_long_recordings_become_windows_that_keep_what_was_seen(world: TrainingSet) -> None:
+    clip = world.clips[0]
+    one = np.zeros(1, np.int64)
+
+    def alone(fps: float, confidence: float) -> TrainingSet:
+        seen = np.full(clip.joints.shape[:2], confidence)
+        recording = Clip(clip.joints, clip.joint_names, fps, seen)
+        return TrainingSet((recording,), one, one, one, ("world0/long",))
+
+    assert len(cut_long_recordings(alone(clip.fps, 1)).clips) == 1
+    windows = cut_long_recordings(alone(5, 0.25))
+    assert len(windows.clips) == len(windows.classes) == round(len(clip) / 5 / 2.5) > 1
+    assert sum(map(len, windows.clips)) == len(clip)
+    for window in windows.clips:
+        assert window.confidence is not None
+        assert (window.confidence == 0.25).all()
+    # A run goes on only with the clips that it began with, and what was seen of them.
+    assert alone(5, 0.25).fingerprint != alone(5, 0.5).fingerprint
