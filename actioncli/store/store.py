@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
 from actioncli.store.backup import changing
-from actioncli.store.cache import rename_embeddings
+from actioncli.store.cache import (
+    Snapshot,
+    read_snapshot,
+    rename_embeddings,
+    write_embeddings,
+)
 from actioncli.store.database import reading
 from actioncli.store.examples import (
     Example,
@@ -35,7 +40,6 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.store.record import Record
     from actioncli.store.repair import Repair
-    from actioncli.store.snapshot import Snapshot
 
 __all__ = ["Action", "Example", "Inserted", "SupportStore"]
 
@@ -107,7 +111,6 @@ class SupportStore:
         Raises:
             UsageError, ClipError: as `enroll`.
         """
-        from actioncli.store.cache import write_embeddings
         from actioncli.store.record import Record
 
         # Everything that can fail or take long is done before the store is locked.
@@ -187,16 +190,12 @@ class SupportStore:
         Raises:
             StoreError: an example without an embedding is damaged, or a setting is.
         """
-        from actioncli.store.snapshot import read_snapshot
-
         return read_snapshot(self.path, weights_checksum, settings)
 
     def keep_embeddings(
         self, weights_checksum: str, embeddings: Mapping[int, NDArray[np.float32]]
     ) -> None:
         """Keep (F, E) embeddings by example for later queries; those of other weights go."""
-        from actioncli.store.cache import write_embeddings
-
         with changing(self.path) as db:
             write_embeddings(db, weights_checksum, embeddings)
 

@@ -41,12 +41,6 @@ def test_a_new_store_says_what_it_is(store: SupportStore) -> None:
         assert db.execute("PRAGMA journal_mode").fetchone() == ("delete",)
 
 
-def test_a_newer_schema_is_refused(store: SupportStore) -> None:
-    store.enroll("wave", make_clip(0))
-    run(store.path, f"PRAGMA user_version = {len(MIGRATIONS) + 1}")
-    both_refuse(store, "newer release")
-
-
 @pytest.mark.parametrize(
     "statements",
     [
