@@ -58,7 +58,7 @@ class RoundError(AssertionError):
 
 
 @dataclass
-class Told:
+class Report:
     """What a worker said: the state that stands, and the one that may have come to be."""
 
     task: Task
@@ -114,8 +114,8 @@ class Round:
         if len(os.fsencode(self.home / name)) > 490:
             name = NAMES[0]
         self.store = SupportStore(self.home / name)
-        self.workers: list[Told] = []
-        self.pipes: dict[int, tuple[Told, bytearray]] = {}
+        self.workers: list[Report] = []
+        self.pipes: dict[int, tuple[Report, bytearray]] = {}
         self.selector = selectors.DefaultSelector()
         self.initial: State = {}
         self.refusals = False
@@ -129,8 +129,8 @@ class Round:
         KINDS[self.kind][1](self)
         self.finish()
         self.verify()
-        done = sum((told.done for told in self.workers), Counter[str]())
-        killed = sum(told.killed for told in self.workers)
+        done = sum((report.done for report in self.workers), Counter[str]())
+        killed = sum(report.killed for report in self.workers)
         what = ", ".join(f"{count} {kind}" for kind, count in sorted(done.items()))
         return f"{self.kind}: {len(self.workers)} processes, {killed} killed; {what}"
 
@@ -143,8 +143,8 @@ class Round:
             count = self.random.choice([1, 1, 2, 3])
             for place in range(count):
                 self.start(f"{turn}-{place}", steps=50, tau=self.tau_of(count))
-            for told in self.workers[-count:]:
-                self.kill_one(told)
+            for report in self.workers[-count:]:
+                self.kill_one(report)
             self.finish()
 
     def crowd(self) -> None:
@@ -152,8 +152,8 @@ class Round:
         self.fill()
         for place in range(16):
             self.start(f"{place}", steps=self.random.randint(2, 4))
-        for told in self.random.sample(self.workers, self.random.choice([0, 4, 8])):
-            self.kill_one(told)
+        for report in self.random.sample(self.workers, self.random.choice([0, 4, 8])):
+            self.kill_one(report)
 
     def full(self) -> None:
         """A disk that is too small, and on which room is made at some time."""
@@ -231,7 +231,7 @@ class Round:
         for place in range(2):
             self.start(f"{place}", steps=10, environment={"FAULT_LOCKS": rule}, patience=0.2)
         self.finish()
-        if percent == 100 and any(told.done.keys() - {"refused"} for told in self.workers):
+        if percent == 100 and any(report.done.keys() - {"refused"} for report in self.workers):
             raise RoundError("something was done without a lock")
 
     def repair(self) -> None:
@@ -293,7 +293,7 @@ class Round:
         """The program itself, one command after the other, some of them killed."""
         self.refusals = True
         self.home.mkdir()
-        told = Told(Task("cli", self.seed, str(self.store.path), "", 0), 0, {}, None)
+        report = Report(Task("cli", self.seed, str(self.store.path), "", 0), 0, {}, None)
         clips = {name: read_clip(file) for name, file in EXAMPLES.items()}
         sums = {name: Record.from_clip("x", clip).checksum for name, clip in clips.items()}
         state: dict[str, list[str]] = {}
@@ -343,7 +343,7 @@ class Round:
             if held not in possible:
                 raise RoundError(f"after {words} ({process.returncode}) there is {held}")
             state = after if held == possible[-1] else state
-            told.done["killed" if process.returncode else words[0]] += 1
+            report.done["killed" if process.returncode else words[0]] += 1
             if words[0] == "export" and (process.returncode == 0 or Path(words[1]).exists()):
                 exported = {record.label for record in read_archive(Path(words[1]))}
                 if exported != state.keys():
@@ -351,7 +351,7 @@ class Round:
         # What follows looks for the labels of workers only.
         if state:
             self.store.clear()
-        self.workers.append(told)
+        self.workers.append(report)
 
     # The parts that these are made of.
 
@@ -382,9 +382,7 @@ class Round:
     ) -> None:
         """Begin a process."""
         place = folder or self.home
-        task = Task(
-            name, self.seed, str(self.store.path), str(place), steps, frames, patience, {}, tau
-        )
+        task = Task(name, self.seed, str(self.store.path), str(place), steps, frames, patience, tau)
         receive, send = os.pipe()
         if environment is None:
             child = fork(lambda: Worker(task, send).run(), ordinary, limit)
@@ -396,9 +394,9 @@ class Round:
                 file_actions=[(os.POSIX_SPAWN_DUP2, send, 1)],
             )  # fmt: skip
         os.close(send)
-        told = Told(task, child, {}, tau)
-        self.workers.append(told)
-        self.pipes[receive] = (told, bytearray())
+        report = Report(task, child, {}, tau)
+        self.workers.append(report)
+        self.pipes[receive] = (report, bytearray())
         self.selector.register(receive, selectors.EVENT_READ)
 
     def listen(self, enough: Callable[[], bool], seconds: float = 900.0) -> None:
@@ -406,54 +404,54 @@ class Round:
         end = time.monotonic() + seconds
         while self.pipes and not enough() and (left := end - time.monotonic()) > 0:
             for key, _ in self.selector.select(left):
-                told, rest = self.pipes[key.fd]
+                report, rest = self.pipes[key.fd]
                 part = os.read(key.fd, 65536)
                 rest += part
                 *lines, tail = bytes(rest).split(b"\n")
                 for line in lines:
-                    told.hear(line)
+                    report.hear(line)
                 rest[:] = tail
                 if not part:
                     self.selector.unregister(key.fd)
                     os.close(key.fd)
                     del self.pipes[key.fd]
 
-    def kill_one(self, told: Told) -> None:
+    def kill_one(self, report: Report) -> None:
         """Kill a process after it has begun something, at any moment of that."""
-        begun = told.begun + self.random.randint(1, 6)
-        self.listen(lambda: told.begun >= begun or told not in self.talking())
+        begun = report.begun + self.random.randint(1, 6)
+        self.listen(lambda: report.begun >= begun or report not in self.talking())
         time.sleep(self.random.uniform(0, self.random.choice([0.0005, 0.003, 0.01])))
-        os.kill(told.process, signal.SIGKILL)
-        told.killed = True
+        os.kill(report.process, signal.SIGKILL)
+        report.killed = True
 
-    def talking(self) -> list[Told]:
+    def talking(self) -> list[Report]:
         """The workers that have not ended."""
-        return [told for told, _ in self.pipes.values()]
+        return [report for report, _ in self.pipes.values()]
 
     def finish(self) -> None:
         """Wait until all processes have ended."""
         self.listen(lambda: False)
-        for told in self.workers:
-            if told.process == 0:
+        for report in self.workers:
+            if report.process == 0:
                 continue
-            if told in self.talking():
-                os.kill(told.process, signal.SIGKILL)
-                raise RoundError(f"worker {told.task.name} did not end: {told.pending}")
-            code = os.waitstatus_to_exitcode(os.waitpid(told.process, 0)[1])
-            told.process = 0
-            if code != 0 and not (told.killed and code == -signal.SIGKILL):
-                raise RoundError(f"worker {told.task.name} ended with {code} at {told.pending}")
-            told.killed = code != 0
-            if told.errors and not self.refusals:
-                raise RoundError(f"worker {told.task.name} was refused: {told.errors}")
-            if told.tau is not None:
-                self.tau = self.tau_after(told)
+            if report in self.talking():
+                os.kill(report.process, signal.SIGKILL)
+                raise RoundError(f"worker {report.task.name} did not end: {report.pending}")
+            code = os.waitstatus_to_exitcode(os.waitpid(report.process, 0)[1])
+            report.process = 0
+            if code != 0 and not (report.killed and code == -signal.SIGKILL):
+                raise RoundError(f"worker {report.task.name} ended with {code} at {report.pending}")
+            report.killed = code != 0
+            if report.errors and not self.refusals:
+                raise RoundError(f"worker {report.task.name} was refused: {report.errors}")
+            if report.tau is not None:
+                self.tau = self.tau_after(report)
 
-    def tau_after(self, told: Told) -> float | None:
+    def tau_after(self, report: Report) -> float | None:
         """The threshold as it stands; a pending one was kept or not."""
         kept = kept_threshold(self.store)
         found = kept.tau if kept else 0.0
-        possible = {told.tau, told.pending[2] if told.pending else told.tau}
+        possible = {report.tau, report.pending[2] if report.pending else report.tau}
         if found not in possible:
             raise RoundError(f"the threshold is {found}, not one of {possible}")
         return found
@@ -484,17 +482,17 @@ class Round:
                 raise RoundError(f"{label}: {len(clips)} clips, {len(held[label])} examples")
         if not self.equal(self.initial, {k: held[k] for k in self.initial if k in held}, 6):
             raise RoundError(f"of {self.initial} there is {held}")
-        for told in self.workers:
-            mine = {k: v for k, v in held.items() if k.startswith(f"{told.task.name} ")}
-            states = [told.state, *([told.pending[1]] if told.pending else [])]
-            if not any(self.equal(state, mine, told.task.frames) for state in states):
+        for report in self.workers:
+            mine = {k: v for k, v in held.items() if k.startswith(f"{report.task.name} ")}
+            states = [report.state, *([report.pending[1]] if report.pending else [])]
+            if not any(self.equal(state, mine, report.task.frames) for state in states):
                 raise RoundError(
-                    f"worker {told.task.name} has {mine}, acknowledged was {told.state}, begun "
-                    f"{told.pending}"
+                    f"worker {report.task.name} has {mine}, acknowledged was {report.state}, begun "
+                    f"{report.pending}"
                 )
-            for number, state in told.exports.items():
-                self.check_export(told, number, state)
-        names = tuple(f"{told.task.name} " for told in self.workers)
+            for number, state in report.exports.items():
+                self.check_export(report, number, state)
+        names = tuple(f"{report.task.name} " for report in self.workers)
         nobodys = [label for label in held if not label.startswith((*names, *self.initial))]
         if nobodys:
             raise RoundError(f"labels of nobody: {nobodys}")
@@ -505,14 +503,14 @@ class Round:
         if journal.exists() and journal.read_bytes()[:1] not in {b"", b"\0"}:
             raise RoundError("a journal was left")
 
-    def check_export(self, told: Told, number: int, state: State) -> None:
+    def check_export(self, report: Report, number: int, state: State) -> None:
         """An export that was acknowledged is whole, and holds what was there."""
-        file = Path(told.task.folder) / f"{told.task.name} {number}.safetensors"
+        file = Path(report.task.folder) / f"{report.task.name} {number}.safetensors"
         held: dict[str, list[str]] = {}
         for record in read_archive(file):
             held.setdefault(record.label, []).append(record.checksum)
-        mine = {k: v for k, v in held.items() if k.startswith(f"{told.task.name} ")}
-        if not self.equal(state, mine, told.task.frames):
+        mine = {k: v for k, v in held.items() if k.startswith(f"{report.task.name} ")}
+        if not self.equal(state, mine, report.task.frames):
             raise RoundError(f"{file.name} holds {mine}, not {state}")
 
     @staticmethod
@@ -597,10 +595,10 @@ def play(seed: int) -> tuple[bool, str]:
     child = fork(arena)
     os.close(send)
     with os.fdopen(receive, "rb") as pipe:
-        told = pipe.read().decode(errors="replace")
+        report = pipe.read().decode(errors="replace")
     well = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     shutil.rmtree(base, ignore_errors=True)
-    return well, told
+    return well, report
 
 
 def main() -> None:
@@ -614,8 +612,8 @@ def main() -> None:
     start = time.monotonic()
     seeds = [*given.seeds, *range(given.first, given.last + 1)]
     for seed in seeds:
-        well, told = play(seed)
-        print(f"{seed} {'ok' if well else 'FAILED'} {told}", flush=True)
+        well, report = play(seed)
+        print(f"{seed} {'ok' if well else 'FAILED'} {report}", flush=True)
         if not well:
             failed.append(seed)
     print(f"{len(seeds)} rounds, {len(failed)} failed {failed}, {time.monotonic() - start:.0f} s")

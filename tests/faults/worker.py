@@ -42,9 +42,7 @@ class Task:
         steps: how many things it does.
         frames: length of its clips; long ones fill a disk.
         patience: seconds to wait for a lock.
-        state: what its labels hold already.
         tau: the threshold that stands already; also says that this worker may change it.
-        alone: no other worker is there, so that it may clear the store.
     """
 
     name: str
@@ -54,9 +52,7 @@ class Task:
     steps: int
     frames: int = 6
     patience: float = 60.0
-    state: State | None = None
     tau: float | None = None
-    alone: bool = False
 
 
 @cache
@@ -79,7 +75,7 @@ class Worker:
         self.random = random.Random(f"{task.seed} {task.name}")
         self.store = SupportStore(task.store)
         self.pipe = pipe
-        self.state: State = {label: list(held) for label, held in (task.state or {}).items()}
+        self.state: State = {}
         self.tau = task.tau
         self.number = task.seed * 100_000 + sum(map(ord, task.name)) % 97 * 1000
         database.PATIENCE = task.patience
@@ -93,8 +89,6 @@ class Worker:
         kinds = ["enroll"] * 4 + ["rename", "remove", "export", "import", "classify"]
         if self.tau is not None:
             kinds.append("calibrate")
-        if self.task.alone:
-            kinds.append("clear")
         for _ in range(self.task.steps):
             kind = self.random.choice(kinds)
             if kind in {"rename", "remove", "export"} and not self.state:
@@ -208,11 +202,6 @@ class Worker:
         tau = round(self.random.uniform(0.01, 0.99), 6)
         self.begin("calibrate", self.copied(), tau)
         keep_threshold(self.store, Threshold(tau, "w"))
-
-    def clear(self) -> None:
-        """Everything goes, the threshold too; then that is kept again."""
-        self.begin("clear", {}, 0.0)
-        self.store.clear(settings=True)
 
     def owns(self, label: str) -> bool:
         """Whether a label is this worker's."""
