@@ -64,10 +64,10 @@ def test_without_a_home_poses_are_not_kept() -> None:
 @pytest.mark.usefixtures("homeless")
 def test_without_a_home_the_studio_has_no_place() -> None:
     pytest.importorskip("starlette", reason="needs the extra `studio`")
-    from actioncli.studio.scratch import Scratch
+    from actioncli.studio.upload_folder import UploadFolder
 
     with pytest.raises(UsageError, match="let ACTIONCLI_HOME name a folder"):
-        Scratch()
+        UploadFolder()
 
 
 @posix

@@ -18,8 +18,8 @@ from actioncli.cli.output import note, say
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
-    from actioncli.studio.scratch import Scratch
     from actioncli.studio.server import Server
+    from actioncli.studio.upload_folder import UploadFolder
 
 PortOption = Annotated[
     int,
@@ -57,9 +57,9 @@ def studio(settings: Settings, port: PortOption = 0, open_page: OpenOption = Tru
     from actioncli.studio.support import SharedSupport
 
     support = SharedSupport(settings.store)
-    support.state()  # a store that cannot be read is told here, not on the page
-    with _served(settings, port, open_page) as (server, scratch):
-        behind = Studio(support, scratch)
+    support.state()  # a store that cannot be read is reported here, not on the page
+    with _served(settings, port, open_page) as (server, uploads):
+        behind = Studio(support, uploads)
         try:
             server.run(behind.app())
         finally:
@@ -98,14 +98,16 @@ def check_extra() -> None:
 
 
 @contextlib.contextmanager
-def _served(settings: Settings, port: int, open_page: bool) -> Iterator[tuple[Server, Scratch]]:
-    """A server whose address has been told, on a line of its own, and a private folder."""
-    from actioncli.studio.scratch import Scratch
+def _served(
+    settings: Settings, port: int, open_page: bool
+) -> Iterator[tuple[Server, UploadFolder]]:
+    """A server whose address has been printed, on a line of its own, and a private folder."""
     from actioncli.studio.server import Server
+    from actioncli.studio.upload_folder import UploadFolder
 
     server = Server(port, settings.debug)
     try:
-        scratch = Scratch()
+        uploads = UploadFolder()
         try:
             if settings.json:
                 say(json.dumps({"address": server.address}))
@@ -113,10 +115,10 @@ def _served(settings: Settings, port: int, open_page: bool) -> Iterator[tuple[Se
                 say(server.address)
                 settings.tell("Ctrl-C ends it.")
             if open_page:
-                threading.Thread(target=_open, args=(server, scratch.folder), daemon=True).start()
-            yield server, scratch
+                threading.Thread(target=_open, args=(server, uploads.folder), daemon=True).start()
+            yield server, uploads
         finally:
-            scratch.close()
+            uploads.close()
     finally:
         server.close()
 

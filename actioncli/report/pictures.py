@@ -68,7 +68,7 @@ def write_picture(
             if kind == ".svg":
                 part.write_text(svg(strip(label, examples), theme), encoding="utf-8")
                 return
-            from actioncli.report.raster import write_gif, write_mp4, write_png
+            from actioncli.report.render import write_gif, write_mp4, write_png
 
             paper = theme or "light"
             if kind == ".png":

@@ -18,16 +18,21 @@ from actioncli.pose.read import ReadOptions
 from actioncli.recognition.threshold import rename_action
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
-from actioncli.studio.answers import Answer, application, checked_tau, decision_entry, json_object
 from actioncli.studio.live import live_endpoint
 from actioncli.studio.measure import Measurement
-from actioncli.studio.scratch import Scratch, receive
+from actioncli.studio.responses import (
+    AsciiJson,
+    application,
+    checked_tau,
+    decision_entry,
+    json_object,
+)
 from actioncli.studio.support import SharedSupport
-from actioncli.studio.tray import Sent, Tray, check_kind
+from actioncli.studio.upload_folder import UploadFolder, receive
+from actioncli.studio.uploads import Upload, Uploads, check_kind
 
 # Bytes of an upload: minutes of video, where seconds are wanted.
 LARGEST_UPLOAD = 500_000_000
-EXPORT_NAME, _EXPORT_KIND = "actions.safetensors", "application/octet-stream"
 # What may be said about reading a file; see `ReadOptions`.
 _OPTIONS = {"layout": str, "unit": str, "up": str, "fps": float, "start": float, "end": float,
             "person": int, "quality": str}  # fmt: skip
@@ -39,22 +44,22 @@ class Studio:
 
     Attributes:
         support: what is enrolled.
-        scratch: where uploads lie while they are read.
+        upload_folder: where uploads lie while they are read.
         limit: bytes of an upload.
     """
 
     support: SharedSupport
-    scratch: Scratch
+    upload_folder: UploadFolder
     limit: int = LARGEST_UPLOAD
 
     def __post_init__(self) -> None:
-        self.tray = Tray(self.support.recognizer)
+        self.uploads = Uploads(self.support.recognizer)
         self.measurement = Measurement(self.support)
 
     def close(self) -> None:
         """Stop what is going on; nothing is written to the private folder any more."""
         self.measurement.close()
-        self.tray.close()
+        self.uploads.close()
 
     def app(self) -> Starlette:
         """The page and what it asks for."""
@@ -66,7 +71,7 @@ class Studio:
                 Route("/api/examples/{id:int}", self.remove_example, methods=["DELETE"]),
                 Route("/api/actions", self.remove_action, methods=["DELETE"]),
                 Route("/api/actions", self.rename_action, methods=["PATCH"]),
-                Route("/api/clips", self.send, methods=["POST"]),
+                Route("/api/clips", self.upload, methods=["POST"]),
                 Route("/api/clips/{id}", self.clip),
                 Route("/api/clips/{id}", self.discard, methods=["DELETE"]),
                 Route("/api/clips/{id}/enroll", self.enroll, methods=["POST"]),
@@ -81,13 +86,13 @@ class Studio:
         """What is enrolled; nothing new where the page names the version that it has."""
         version = self.support.version()
         if request.query_params.get("version") == version:
-            return Answer({"version": version})
+            return AsciiJson({"version": version})
         more = {"limit": self.limit, "layouts": list(LAYOUTS)}
-        return Answer({**self.support.state(), **more})
+        return AsciiJson({**self.support.state(), **more})
 
     def example_figure(self, request: Request) -> Response:
         """The skeleton of an example."""
-        return Answer(self.support.figure(request.path_params["id"]))
+        return AsciiJson(self.support.figure(request.path_params["id"]))
 
     async def remove_example(self, request: Request) -> Response:
         """Delete one example of an action."""
@@ -96,46 +101,46 @@ class Studio:
         removed = await asyncio.to_thread(
             self.support.store.remove, label, request.path_params["id"]
         )
-        return Answer({"removed": removed})
+        return AsciiJson({"removed": removed})
 
     async def remove_action(self, request: Request) -> Response:
         """Delete an action."""
         asked = await json_object(request)
         removed = await asyncio.to_thread(self.support.store.remove, _text(asked, "label"))
-        return Answer({"removed": removed})
+        return AsciiJson({"removed": removed})
 
     async def rename_action(self, request: Request) -> Response:
         """Give an action another name."""
         asked = await json_object(request)
         old, new = _text(asked, "label"), _text(asked, "new")
         renamed = await asyncio.to_thread(rename_action, self.support.store, old, new)
-        return Answer({"examples": renamed})
+        return AsciiJson({"examples": renamed})
 
-    async def send(self, request: Request) -> Response:
+    async def upload(self, request: Request) -> Response:
         """Take a file, whose name stands in the address and whose bytes are the body."""
         name = request.query_params.get("name", "")
         suffix = check_kind(name)
         options = _options(request.query_params)
-        path = await receive(request, self.scratch, suffix, self.limit)
-        sent = self.tray.add(path, name, options)
-        return Answer({"id": sent.id, "name": sent.name}, 202)
+        path = await receive(request, self.upload_folder, suffix, self.limit)
+        upload = self.uploads.add(path, name, options)
+        return AsciiJson({"id": upload.id, "name": upload.name}, 202)
 
     def clip(self, request: Request) -> Response:
         """How far reading is, or the clip and what it shows."""
-        sent = self.tray.get(request.path_params["id"])
-        return Answer(self._entry(sent))
+        upload = self.uploads.get(request.path_params["id"])
+        return AsciiJson(self._entry(upload))
 
-    def _entry(self, sent: Sent) -> dict[str, Any]:
-        entry: dict[str, Any] = {"id": sent.id, "name": sent.name, "state": "reading"}
-        if not sent.reading.done():
-            if sent.progress is not None:
-                entry["seconds"] = sent.progress.seconds
-                entry["total"] = sent.progress.total
+    def _entry(self, upload: Upload) -> dict[str, Any]:
+        entry: dict[str, Any] = {"id": upload.id, "name": upload.name, "state": "reading"}
+        if not upload.reading.done():
+            if upload.progress is not None:
+                entry["seconds"] = upload.progress.seconds
+                entry["total"] = upload.progress.total
             return entry
-        if message := sent.error():
+        if message := upload.error():
             return {**entry, "state": "failed", "message": message}
-        clip = sent.clip()
-        decision = self.support.classify(clip, sent.whole)
+        clip = upload.clip()
+        decision = self.support.classify(clip, upload.whole)
         return {
             **entry,
             "state": "ready",
@@ -148,7 +153,7 @@ class Studio:
 
     def discard(self, request: Request) -> Response:
         """Forget a clip, or stop reading it."""
-        self.tray.discard(request.path_params["id"])
+        self.uploads.discard(request.path_params["id"])
         return Response(status_code=204)
 
     async def enroll(self, request: Request) -> Response:
@@ -157,10 +162,10 @@ class Studio:
         negative = asked.get("negative") is True
         label = "" if negative else _text(asked, "label")
         number = request.path_params["id"]
-        clip = self.tray.get(number).clip()
+        clip = self.uploads.get(number).clip()
         enrolled = await asyncio.to_thread(self.support.enroll, label, clip, negative)
-        self.tray.discard(number)
-        return Answer(
+        self.uploads.discard(number)
+        return AsciiJson(
             {
                 "label": enrolled.label,
                 "example": enrolled.example,
@@ -171,27 +176,23 @@ class Studio:
 
     def measured(self, request: Request) -> Response:
         """False accepts and rejects over tau."""
-        return Answer(self.measurement.state())
+        return AsciiJson(self.measurement.state())
 
     async def keep_tau(self, request: Request) -> Response:
         """Use a threshold from now on; null forgets it."""
         tau = checked_tau((await json_object(request)).get("tau"))
         await asyncio.to_thread(self.support.keep_tau, tau)
-        return Answer({"tau": tau})
+        return AsciiJson({"tau": tau})
 
     def export(self, request: Request) -> Response:
         """The support set as one file, as `export` writes it."""
-        file = self.scratch.file(".safetensors")
+        file = self.upload_folder.file(".safetensors")
         file.unlink()
         try:
             self.support.store.export(file)
-            content = file.read_bytes()
+            return Response(file.read_bytes(), media_type="application/octet-stream")
         finally:
             file.unlink(missing_ok=True)
-        disposition = f'attachment; filename="{EXPORT_NAME}"'
-        return Response(
-            content, headers={"Content-Disposition": disposition}, media_type=_EXPORT_KIND
-        )
 
 
 def _text(asked: dict[str, Any], key: str) -> str:

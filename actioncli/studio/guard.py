@@ -2,21 +2,25 @@
 
 Everybody on the machine can open a port on the loopback, and every page in the user's browser can
 send requests to it. So each request must name the loopback as its host (a name that someone points
-there would pass for it otherwise: DNS rebinding), carry the token, and, where it changes something
-or opens a WebSocket, come from the page's own origin.
+there would pass for it otherwise: DNS rebinding) and carry the token, and what changes something
+or opens a WebSocket must come from the page's own origin. Only the page's own files, which hold
+nothing of the user's, need no token.
+
+The token is never a cookie, which a browser would send to every other port of the loopback as
+well: the page sets it as a header, `Authorization: Bearer`, and as a subprotocol of a WebSocket.
 """
 
 from __future__ import annotations
 
 import hmac
-from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _SAFE = frozenset({"GET", "HEAD"})
+# The WebSocket's subprotocol; the token is offered as a second one.
+SUBPROTOCOL = "actioncli"
 
 # The page may use what this server sends, its camera, and nothing else; nobody may frame it.
 _HEADERS = {
@@ -41,58 +45,44 @@ class Guard:
 
         Args:
             port: of the loopback, where it is served.
-            token: what a request must carry: once as the address's `token`, from then on as the
-                cookie that it is exchanged for.
+            token: what a request must carry.
         """
         self._app, self._token = app, token
         self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
-        # Cookies know no ports: two pages at once must not overwrite each other's.
-        self._cookie = f"actioncli-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, refuse, or hand over."""
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
-        headers = Headers(scope=scope)
-        asked = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        reason = self._refusal(scope, headers, asked)
+        reason = self._refusal(scope)
         if reason is not None:
             await self._refuse(scope, receive, send, reason)
             return
 
         async def answer(message: Message) -> None:
             if message["type"] == "http.response.start":
-                sent = MutableHeaders(scope=message)
-                for name, value in _HEADERS.items():
-                    sent[name] = value
-                if asked:
-                    sent.append(
-                        "Set-Cookie",
-                        f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict",
-                    )
+                MutableHeaders(scope=message).update(_HEADERS)
             await send(message)
 
         await self._app(scope, receive, answer)
 
-    def _refusal(self, scope: Scope, headers: Headers, asked: str) -> str | None:
+    def _refusal(self, scope: Scope) -> str | None:
+        headers = Headers(scope=scope)
         host = headers.get("host", "")
         if host not in self._hosts:
             return "Refused: this page is only served as 127.0.0.1."
-        given = asked or self._from_cookie(headers.get("cookie", ""))
-        if not hmac.compare_digest(given.encode(), self._token.encode()):
+        if scope["type"] == "websocket":
+            changes, given = True, "".join(scope["subprotocols"][1:2])
+        else:
+            changes = scope["method"] not in _SAFE
+            given = headers.get("authorization", "").removeprefix("Bearer ")
+        public = not changes and (scope["path"] == "/" or scope["path"].startswith("/static/"))
+        if not public and not hmac.compare_digest(given.encode(), self._token.encode()):
             return "Refused: open the whole address that actioncli printed, with its token."
-        changes = scope["type"] == "websocket" or scope["method"] not in _SAFE
         if changes and headers.get("origin") != f"http://{host}":
             return "Refused: only the page itself may do this."
         return None
-
-    def _from_cookie(self, header: str) -> str:
-        try:
-            morsel = SimpleCookie(header).get(self._cookie)
-        except CookieError:
-            return ""
-        return morsel.value if morsel is not None else ""
 
     @staticmethod
     async def _refuse(scope: Scope, receive: Receive, send: Send, reason: str) -> None:

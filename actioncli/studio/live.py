@@ -21,7 +21,8 @@ from actioncli.pose.frames import Frame
 from actioncli.pose.sides import JOINT_NAMES, LIMBS
 from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.recognition.support import SupportSet
-from actioncli.studio.answers import checked_tau
+from actioncli.studio.guard import SUBPROTOCOL
+from actioncli.studio.responses import checked_tau
 from actioncli.studio.support import SharedSupport
 
 # A message is the picture's time, in seconds, as a little-endian double, and the picture as JPEG.
@@ -68,7 +69,7 @@ class Camera:
             self._follow_support()
             if self._detector is not None:
                 over = self._detector.update(self._poses.clip(), frame.time)
-        return self._told(over)
+        return self._message(over)
 
     def _decoded(self, message: bytes) -> Frame:
         picture = message[_TIME.size :]
@@ -98,35 +99,35 @@ class Camera:
             if needed > self._memory:
                 self._poses, self._memory = PoseStream(DEFAULT_QUALITY, needed), needed
 
-    def _told(self, over: list[Event]) -> dict[str, Any]:
+    def _message(self, over: list[Event]) -> dict[str, Any]:
         body, (width, height) = self._poses.body, self._poses.size
-        told: dict[str, Any] = {"seen": body is not None, "whole": False, "points": None}
+        shown: dict[str, Any] = {"seen": body is not None, "whole": False, "points": None}
         if body is not None:
-            told["whole"] = float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
-            told["points"] = [
+            shown["whole"] = float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
+            shown["points"] = [
                 [round(float(x) / width, 4), round(float(y) / height, 4), round(float(sure), 2)]
                 for (x, y), sure in zip(body.points, body.visibility, strict=False)
             ]
         detector = self._detector
         if detector is not None:
-            told["ranking"] = [
+            shown["ranking"] = [
                 {"label": seen.label, "confidence": seen.confidence} for seen in detector.ranking
             ]
-            told["tau"] = self._threshold.tau
+            shown["tau"] = self._threshold.tau
             current = detector.current
-            told["current"] = None if current is None else current.label
-            told["events"] = [
+            shown["current"] = None if current is None else current.label
+            shown["events"] = [
                 {"label": e.label, "seconds": e.end - e.start, "confidence": e.confidence}
                 for e in over
             ]
-        return told
+        return shown
 
 
 def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[None]]:
     """The WebSocket of a camera: pictures in, one answer to each out, in order."""
 
     async def live(socket: WebSocket) -> None:
-        await socket.accept()
+        await socket.accept(SUBPROTOCOL)
         try:
             camera = await asyncio.to_thread(Camera, support)
             await _send(socket, {"bones": _bones()})
@@ -135,8 +136,8 @@ def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[Non
                 if message["type"] == "websocket.disconnect":
                     return
                 if message.get("bytes") is not None:
-                    told = await asyncio.to_thread(camera.frame, message["bytes"])
-                    await _send(socket, told)
+                    shown = await asyncio.to_thread(camera.frame, message["bytes"])
+                    await _send(socket, shown)
                 else:
                     camera.use(_tau(message.get("text") or ""))
         except ActionCliError as error:
@@ -148,9 +149,9 @@ def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[Non
     return live
 
 
-async def _send(socket: WebSocket, told: object) -> None:
-    # In ASCII, as every `Answer`.
-    await socket.send_text(json.dumps(told))
+async def _send(socket: WebSocket, document: object) -> None:
+    # In ASCII, as every response.
+    await socket.send_text(json.dumps(document))
 
 
 def _bones() -> list[tuple[int, int, str]]:

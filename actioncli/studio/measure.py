@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from actioncli.calibration.threshold import recommend
-from actioncli.calibration.trials import Rate, run_trials
+from actioncli.calibration.trials import run_trials
 from actioncli.recognition.support import SupportSet
 from actioncli.studio.support import SharedSupport
 
@@ -29,7 +29,7 @@ class Measurement:
         self._support = support
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
-        self._wanted: SupportSet | None = None
+        self._wanted: list[tuple[str, bool, str]] | None = None
         self._found: dict[str, Any] = {}
         self._share = 0.0
 
@@ -45,11 +45,13 @@ class Measurement:
         loaded = self._support.loaded()
         if not loaded.actions:
             return {"state": "nothing"}
+        # Another threshold, or embeddings that were written, change nothing that is measured.
+        content = [(each.label, each.negative, each.checksum) for each in loaded.examples]
         with self._lock:
-            if self._wanted is not loaded:
-                self._wanted, self._found, self._share = loaded, {}, 0.0
+            if self._wanted != content:
+                self._wanted, self._found, self._share = content, {}, 0.0
                 self._thread = threading.Thread(
-                    target=self._measure, args=(loaded,), name="measure", daemon=True
+                    target=self._measure, args=(loaded, content), name="measure", daemon=True
                 )
                 self._thread.start()
             return self._found or {"state": "measuring", "share": self._share}
@@ -62,13 +64,13 @@ class Measurement:
         if thread is not None:
             thread.join()
 
-    def _measure(self, loaded: SupportSet) -> None:
+    def _measure(self, loaded: SupportSet, content: list[tuple[str, bool, str]]) -> None:
         recognizer = self._support.recognizer
 
         def progress(numbers: Sequence[int]) -> Iterator[int]:
             for done, number in enumerate(numbers):
                 with self._lock:
-                    if self._wanted is not loaded:
+                    if self._wanted is not content:
                         raise _OutdatedError
                     self._share = done / len(numbers)
                 yield number
@@ -81,22 +83,17 @@ class Measurement:
         found = recommend(trials, TARGET_FAR)
         rates = [
             {
-                "false_accepts": _entry(trials.false_accepts(step / STEPS)),
-                "false_rejects": _entry(trials.false_rejects(step / STEPS)),
-                "misnamed": _entry(trials.misnamed(step / STEPS)),
+                "false_accepts": trials.false_accepts(step / STEPS).to_json(),
+                "false_rejects": trials.false_rejects(step / STEPS).to_json(),
+                "misnamed": trials.misnamed(step / STEPS).to_json(),
             }
             for step in range(STEPS + 1)
         ]
         with self._lock:
-            if self._wanted is loaded:
+            if self._wanted is content:
                 self._found = {
                     "state": "measured",
                     "rates": rates,
                     "recommended": found.tau if found.measured else None,
                     "notes": list(found.notes),
                 }
-
-
-def _entry(rate: Rate) -> dict[str, Any]:
-    low, high = rate.interval
-    return {"count": rate.count, "of": rate.of, "low": low, "high": high}

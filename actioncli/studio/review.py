@@ -17,7 +17,7 @@ from actioncli.errors import SupportError, UsageError
 from actioncli.live.recorder import Kept, kept_clips
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
-from actioncli.studio.answers import Answer, application, json_object
+from actioncli.studio.responses import AsciiJson, application, json_object
 from actioncli.studio.support import SharedSupport
 
 
@@ -48,7 +48,7 @@ class Review:
     def waiting(self, request: Request) -> Response:
         """All clips that wait, in the order of recording."""
         actions = self.support.store.actions()
-        return Answer(
+        return AsciiJson(
             {
                 "folder": str(self.folder),
                 "store": str(self.support.store.path),
@@ -66,7 +66,7 @@ class Review:
             example = self.support.figure(first)
         except SupportError:  # the action is not enrolled any more
             example = None
-        return Answer({"figure": drawn, "example": example})
+        return AsciiJson({"figure": drawn, "example": example})
 
     async def decide(self, request: Request) -> Response:
         """Enrol a clip or not; either way it leaves the folder."""
@@ -77,7 +77,7 @@ class Review:
         if decision == "enroll" and not isinstance(label, str):
             raise UsageError("The request lacks `label`.")
         warnings = await asyncio.to_thread(self._decide, self._kept(request), decision, label or "")
-        return Answer({"warnings": warnings})
+        return AsciiJson({"warnings": warnings})
 
     def _decide(self, kept: Kept, decision: str, label: str) -> list[str]:
         warnings: list[str] = []

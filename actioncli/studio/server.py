@@ -56,7 +56,8 @@ class Server:
             ) from error
         self.port: int = self._socket.getsockname()[1]
         self._token = secrets.token_urlsafe(32)
-        self.address = f"http://127.0.0.1:{self.port}/?token={self._token}"
+        # A browser sends no fragment: the token stands in no request's address.
+        self.address = f"http://127.0.0.1:{self.port}/#token={self._token}"
         self._debug = debug
         self._uvicorn: uvicorn.Server | None = None
 
@@ -65,7 +66,7 @@ class Server:
         self._uvicorn = uvicorn.Server(
             uvicorn.Config(
                 Guard(app, self.port, self._token),
-                # Addresses hold the token, and the terminal belongs to the command.
+                # The terminal belongs to the command.
                 log_config=None,
                 access_log=False,
                 log_level="error" if self._debug else "critical",

@@ -52,17 +52,24 @@ def line(child: subprocess.Popen[str]) -> str:
     return child.stdout.readline()
 
 
-def status(address: str, path: str | None = None) -> int:
+def headers_of(address: str) -> dict[str, str]:
+    """What the page sends with each request."""
     parts = urlsplit(address)
-    connection = http.client.HTTPConnection(parts.netloc, timeout=120)
-    connection.request("GET", f"{parts.path}?{parts.query}" if path is None else path)
-    answered = connection.getresponse().status
+    token = parts.fragment.removeprefix("token=")
+    return {"Origin": f"http://{parts.netloc}", "Authorization": f"Bearer {token}"}
+
+
+def get(address: str, path: str, headers: dict[str, str] | None = None) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=120)
+    connection.request("GET", path, headers=headers_of(address) if headers is None else headers)
+    response = connection.getresponse()
+    answered = response.status, response.read()
     connection.close()
     return answered
 
 
 def uploads(home: Path) -> list[Path]:
-    return list(home.glob("studio-*"))
+    return list(home.glob("uploads/*/"))
 
 
 def gone(home: Path) -> bool:
@@ -76,8 +83,8 @@ def begin_upload(address: str) -> http.client.HTTPConnection:
     """A video that never ends."""
     parts = urlsplit(address)
     connection = http.client.HTTPConnection(parts.netloc, timeout=120)
-    connection.putrequest("POST", f"/api/clips?name=film.mp4&{parts.query}")
-    for name, value in (("Origin", f"http://{parts.netloc}"), ("Content-Length", "1000000")):
+    connection.putrequest("POST", "/api/clips?name=film.mp4")
+    for name, value in {**headers_of(address), "Content-Length": "1000000"}.items():
         connection.putheader(name, value)
     connection.endheaders()
     connection.send(bytes(100_000))
@@ -93,13 +100,13 @@ def test_it_serves_until_it_is_ended_and_leaves_nothing(
     child = start("studio", "--no-open")
     address = line(child).strip()
     assert address.startswith("http://127.0.0.1:")
-    assert status(address) == 200
-    assert status(address, "/api/state") == 403
+    assert get(address, "/api/state")[0] == 200
+    assert get(address, "/api/state", {})[0] == 403
     upload = begin_upload(address)
     deadline = time.monotonic() + 60
-    while not list(home.glob("studio-*/*")) and time.monotonic() < deadline:
+    while not list(home.glob("uploads/*/*")) and time.monotonic() < deadline:
         time.sleep(0.02)
-    (file,) = home.glob("studio-*/*")
+    (file,) = home.glob("uploads/*/*")
     assert file.stat().st_mode & 0o777 == 0o600
     child.send_signal(number)
     said, told = child.communicate(timeout=120)
@@ -123,9 +130,8 @@ def test_a_crash_leaves_nothing_either(start: Start, home: Path) -> None:
 def test_two_at_once_and_json(start: Start, home: Path) -> None:
     first, second = (start("studio", "--no-open", "--json") for _ in range(2))
     addresses = [json.loads(line(child))["address"] for child in (first, second)]
-    assert [status(address) for address in addresses] == [200, 200]
-    swapped = urlsplit(addresses[0])._replace(netloc=urlsplit(addresses[1]).netloc).geturl()
-    assert status(swapped) == 403
+    assert [get(address, "/api/state")[0] for address in addresses] == [200, 200]
+    assert get(addresses[1], "/api/state", headers_of(addresses[0]))[0] == 403
 
 
 def test_the_browser_is_given_a_file_that_nobody_else_can_read(
@@ -178,7 +184,7 @@ def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_pat
     Recorder(folder, Threshold(0.5, ""), "0").update(clip, clip.duration, [], [event], False)
     child = start("review", folder, "--page", "--no-open")
     address = line(child).strip()
-    assert status(address) == 200
+    assert get(address, "/api/waiting")[0] == 200
     child.send_signal(signal.SIGINT)
     said, _ = child.communicate(timeout=120)
     assert (child.returncode, said) == (0, "nothing was changed\n")
@@ -191,10 +197,6 @@ def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_pat
 def test_it_is_the_support_set_of_the_commands(start: Start, store: SupportStore) -> None:
     store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
     child = start("studio", "--no-open")
-    parts = urlsplit(line(child).strip())
-    connection = http.client.HTTPConnection(parts.netloc, timeout=120)
-    connection.request("GET", f"/api/state?{parts.query}")
-    told = json.loads(connection.getresponse().read())
-    connection.close()
+    told = json.loads(get(line(child).strip(), "/api/state")[1])
     assert told["store"] == str(store.path)
     assert [action["label"] for action in told["actions"]] == ["squat"]

@@ -112,17 +112,17 @@ def test_pages_serve_a_support_set(odd: Path) -> None:
 
     from actioncli.studio.app import Studio
     from actioncli.studio.review import Review
-    from actioncli.studio.scratch import Scratch
     from actioncli.studio.support import SharedSupport
+    from actioncli.studio.upload_folder import UploadFolder
 
     support = SharedSupport(odd / f"{ODD}.db")
     support.store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
-    scratch = Scratch()
-    studio = Studio(support, scratch)
+    uploads = UploadFolder()
+    studio = Studio(support, uploads)
     request = Request({"type": "http", "method": "GET", "query_string": b"", "headers": []})
     try:
         assert b"o\\udcffdd.db" in studio.state(request).body
     finally:
         studio.close()
-        scratch.close()
+        uploads.close()
     assert b"o\\udcffdd" in Review(support, odd).waiting(request).body

@@ -10,8 +10,8 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from actioncli.recognition.threshold import keep_threshold
 from actioncli.studio.app import Studio
-from actioncli.studio.scratch import Scratch
 from actioncli.studio.support import SharedSupport
+from actioncli.studio.upload_folder import MARK, UploadFolder
 
 from .browsing import CHROMIUM, FILM, OPTIONS, opened, write_film
 from .serving import Client, serving
@@ -29,13 +29,13 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture(scope="session")
 def served(home: Path) -> Iterator[tuple[Studio, str]]:
     """The studio, and its address."""
-    scratch = Scratch()
-    studio = Studio(SharedSupport(), scratch)
+    uploads = UploadFolder()
+    studio = Studio(SharedSupport(), uploads)
     with serving(studio.app()) as address:
         yield studio, address
     studio.close()
-    scratch.close()
-    assert not list(home.glob("studio-*"))
+    uploads.close()
+    assert [file.name for file in (home / "uploads").iterdir()] == [MARK]
 
 
 @pytest.fixture

@@ -37,9 +37,9 @@ class Client:
         parts = urlsplit(self.address)
         assert parts.port is not None
         self.port = parts.port
-        self.token = parse_qs(parts.query)["token"][0]
+        self.token = parse_qs(parts.fragment)["token"][0]
         self.headers = {
-            "Cookie": f"actioncli-{self.port}={self.token}",
+            "Authorization": f"Bearer {self.token}",
             "Origin": f"http://127.0.0.1:{self.port}",
         }
 

@@ -8,40 +8,40 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
+from websockets.typing import Origin, Subprotocol
 
 from .serving import Client
 
 
-def test_the_address_opens_the_page_and_becomes_a_cookie(client: Client) -> None:
-    path = client.address.removeprefix(client.headers["Origin"])
+@pytest.mark.parametrize("path", ["/", "/static/studio.js", "/static/page.css"])
+def test_the_files_of_the_page_need_no_token_and_hold_nothing(client: Client, path: str) -> None:
     status, headers, content = client.answer("GET", path, headers={})
     assert status == 200
-    assert b"<title>actioncli studio</title>" in content
-    cookie = headers["Set-Cookie"]
-    assert "HttpOnly" in cookie
-    assert "SameSite=Strict" in cookie
-    status, headers, _ = client.answer("GET", "/", headers={"Cookie": cookie.partition(";")[0]})
-    assert status == 200
+    assert client.token.encode() not in content
     assert "Set-Cookie" not in headers
 
 
-@pytest.mark.parametrize(
-    "path", ["/", "/api/state", "/api/export", "/static/studio.js", "/nothing", "/?token=guess"]
-)
+@pytest.mark.parametrize("path", ["/api/state", "/api/export", "/nothing", "/static"])
 def test_nothing_is_told_without_the_token(client: Client, path: str) -> None:
-    for cookie in ("", "actioncli=1", f"actioncli-{client.port}=guess"):
-        status, headers, content = client.answer("GET", path, headers={"Cookie": cookie})
-        assert status == 403
-        assert content.startswith(b"Refused: open the whole address")
-        assert client.token.encode() not in content
-        assert "Set-Cookie" not in headers
+    for headers in (
+        {},
+        {"Authorization": "Bearer guess"},
+        {"Authorization": "Bearer "},
+        {"Cookie": f"token={client.token}; actioncli-{client.port}={client.token}"},
+    ):
+        for address in (path, f"{path}?token={client.token}"):
+            status, answered, content = client.answer("GET", address, headers=headers)
+            assert status == 403
+            assert content.startswith(b"Refused: open the whole address")
+            assert client.token.encode() not in content
+            assert "Set-Cookie" not in answered
 
 
 @pytest.mark.parametrize("method", ["POST", "DELETE", "PUT", "PATCH"])
 def test_what_changes_something_comes_from_the_page_itself(client: Client, method: str) -> None:
     origin = client.headers["Origin"]
     for foreign in (None, "null", "http://evil.example", origin + "0", "http://127.0.0.1:1"):
-        headers = {"Cookie": client.headers["Cookie"]}
+        headers = {"Authorization": client.headers["Authorization"]}
         if foreign is not None:
             headers["Origin"] = foreign
         status, _, content = client.answer(method, "/api/actions", b"{}", headers)
@@ -66,11 +66,25 @@ def test_a_page_may_also_call_it_localhost(client: Client) -> None:
     assert client.answer("PUT", "/api/tau", b'{"tau": null}', headers)[0] == 200
 
 
-@pytest.mark.parametrize("lacking", ["Cookie", "Origin"])
-def test_a_websocket_needs_both(client: Client, lacking: str) -> None:
-    headers = {name: value for name, value in client.headers.items() if name != lacking}
-    address = f"ws://127.0.0.1:{client.port}/api/live"
-    with pytest.raises(InvalidStatus) as refused, connect(address, additional_headers=headers):
+@pytest.mark.parametrize(
+    ("offered", "origin"),
+    [
+        ([], "http://127.0.0.1:PORT"),
+        (["actioncli", "guess"], "http://127.0.0.1:PORT"),
+        (["actioncli", "TOKEN"], None),
+        (["actioncli", "TOKEN"], "http://127.0.0.1:1"),
+    ],
+)
+def test_a_websocket_needs_both(client: Client, offered: list[str], origin: str | None) -> None:
+    subprotocols = [Subprotocol(each.replace("TOKEN", client.token)) for each in offered]
+    sent = None if origin is None else Origin(origin.replace("PORT", str(client.port)))
+    # Its address and headers alone open nothing.
+    address = f"ws://127.0.0.1:{client.port}/api/live?token={client.token}"
+    token = {"Authorization": f"Bearer {client.token}"}
+    with (
+        pytest.raises(InvalidStatus) as refused,
+        connect(address, origin=sent, subprotocols=subprotocols or None, additional_headers=token),
+    ):
         pass
     assert refused.value.response.status_code == 403
 
@@ -97,8 +111,8 @@ def test_only_the_pages_files_are_served(client: Client, path: str) -> None:
 
 
 @settings(max_examples=cases(25), deadline=None)
-@given(cookie=st.text(st.characters(min_codepoint=32, max_codepoint=255), max_size=60))
-def test_no_cookie_is_taken_for_the_token(served: tuple[object, str], cookie: str) -> None:
+@given(given_=st.text(st.characters(min_codepoint=32, max_codepoint=255), max_size=60))
+def test_nothing_else_is_taken_for_the_token(served: tuple[object, str], given_: str) -> None:
     client = Client(served[1])
-    given = f"actioncli-{client.port}={cookie}".encode().decode("latin-1")
-    assert client.answer("GET", "/api/state", headers={"Cookie": given.strip()})[0] in {400, 403}
+    header = f"Bearer {given_}".encode().decode("latin-1").strip()
+    assert client.answer("GET", "/api/state", headers={"Authorization": header})[0] in {400, 403}

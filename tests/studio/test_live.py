@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin, Subprotocol
 
 from actioncli import read_video_clip
 from actioncli.studio.app import Studio
@@ -29,7 +30,11 @@ needs_film = pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
 @pytest.fixture
 def socket(client: Client) -> Iterator[ClientConnection]:
     address = f"ws://127.0.0.1:{client.port}/api/live"
-    with connect(address, additional_headers=client.headers) as connection:
+    offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
+    with connect(
+        address, origin=Origin(client.headers["Origin"]), subprotocols=offered
+    ) as connection:
+        assert connection.subprotocol == "actioncli"
         yield connection
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import threading
 import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +79,7 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     expect(tab.get_by_role("article", name="negatives")).to_contain_text("never accepted")
     known.get_by_role("button", name="Discard").click()
     expect(known).to_have_count(0)
-    expect(tab.locator("#tray")).to_be_hidden()
+    expect(tab.locator("#uploads")).to_be_hidden()
     assert [(a.label, a.examples) for a in studio.support.store.actions()] == [
         ("negatives", 1),
         ("squat", 2),
@@ -132,7 +134,7 @@ def test_delete_asks_rename_and_export(tab: Page, studio: Studio, tmp_path: Path
     dialog.get_by_role("button", name="Rename").click()
     expect(tab.get_by_role("article", name="sit down")).to_be_visible()
     with tab.expect_download() as download:
-        tab.get_by_role("link", name="Export all").click()
+        tab.get_by_role("button", name="Export all").click()
     assert download.value.suggested_filename == "actions.safetensors"
     file = tmp_path / "actions.safetensors"
     download.value.save_as(file)
@@ -187,13 +189,52 @@ def test_other_tabs_and_commands_are_followed(
         check(phone)
 
 
-def test_without_the_token_there_is_no_page(browser: Browser, client: Client) -> None:
+def test_without_the_token_the_page_stays_empty(browser: Browser, client: Client) -> None:
+    with opened(browser, client.headers["Origin"] + "/") as page:
+        expect(page.locator("#lost")).to_contain_text("with its token")
+        expect(page.locator("#store")).to_be_empty()
+        # The address may be entered into the same tab.
+        page.goto(client.address)
+        expect(page.get_by_text("Nothing is enrolled yet")).to_be_visible()
+        expect(page).to_have_url(client.headers["Origin"] + "/")
+
+
+def test_another_server_of_this_machine_never_sees_the_token(
+    browser: Browser, client: Client, studio: Studio
+) -> None:
     context = browser.new_context()
-    page = context.new_page()
-    answer = page.goto(client.headers["Origin"] + "/")
-    assert answer is not None
-    assert answer.status == 403
-    assert "with its token" in page.content()
+    tab = context.new_page()
+    tab.goto(client.address)
+    expect(tab.get_by_text("Nothing is enrolled yet")).to_be_visible()
+    seen: list[str] = []
+
+    class Other(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            seen.append(f"{self.requestline}\n{self.headers}")
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            image = f"<img src='http://127.0.0.1:{other.server_port}/again'>"
+            self.wfile.write(f"<!doctype html><title>other</title>{image}".encode())
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Other) as other:
+        thread = threading.Thread(target=other.serve_forever)
+        thread.start()
+        visitor = context.new_page()
+        for host in ("127.0.0.1", "localhost"):
+            visitor.goto(f"http://{host}:{other.server_port}/")
+        # From the studio's own tab, which keeps the token, and by its link back.
+        tab.goto(f"http://127.0.0.1:{other.server_port}/from-the-studio")
+        tab.go_back()
+        expect(tab.get_by_text("Nothing is enrolled yet")).to_be_visible()
+        other.shutdown()
+        thread.join()
+    assert any("from-the-studio" in request for request in seen)
+    assert client.token not in "".join(seen)
+    assert context.cookies() == []
     context.close()
 
 
@@ -215,13 +256,13 @@ def test_a_real_video_is_looked_at_with_progress_and_cancelled(tab: Page, studio
     expect(looking).to_be_visible()
     tab.reload()
     deadline = time.monotonic() + 60
-    while list(studio.scratch.folder.iterdir()) and time.monotonic() < deadline:
+    while list(studio.upload_folder.folder.iterdir()) and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not list(studio.scratch.folder.iterdir())
+    assert not list(studio.upload_folder.folder.iterdir())
     enroll(tab, SHARED / "squat/hciproM.mp4", "squat")
     (example,) = studio.support.store.examples("squat")
     assert example.source == "hciproM.mp4"
-    assert not list(studio.scratch.folder.iterdir())
+    assert not list(studio.upload_folder.folder.iterdir())
 
 
 @pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")

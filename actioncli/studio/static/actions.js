@@ -90,10 +90,10 @@ export class Actions {
     await this.attempt("PATCH", "/api/actions", { label, new: name }, `${label} is now ${name}.`);
   }
 
-  async attempt(method, path, document, told) {
+  async attempt(method, path, document, message) {
     try {
       await ask(method, path, document);
-      say(told);
+      say(message);
     } catch (error) {
       say(error.message);
     }

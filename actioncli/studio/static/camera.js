@@ -1,5 +1,6 @@
 // The browser's camera: recorded as a clip, or looked at live.
 
+import { token } from "./api.js";
 import { byId, el, ranking, say } from "./dom.js";
 
 const COUNTDOWN = 3; // seconds
@@ -7,15 +8,15 @@ const WIDTH = 480; // pixels of a live picture
 const QUALITY = 0.8; // of its JPEG
 const KINDS = ["video/webm;codecs=vp8", "video/webm", "video/mp4"];
 const EVENTS = 20; // kept on the list
-const RATED = 20; // pictures that the rate is told of
+const RATED = 20; // pictures that the rate is computed from
 const SLOW = 3; // pictures a second: farther apart, they are not taken for one motion
 
 const sleep = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
 
 export class Camera {
-  // studio: { state, tau() }; tray takes what is recorded
-  constructor(studio, tray) {
-    Object.assign(this, { studio, tray, stream: null, socket: null, busy: false, starting: false, number: 0, last: null, times: [] });
+  // studio: { state, tau() }; uploads takes what is recorded
+  constructor(studio, uploads) {
+    Object.assign(this, { studio, uploads, stream: null, socket: null, busy: false, starting: false, number: 0, last: null, times: [] });
     this.video = byId("video");
     this.picture = el("canvas");
     byId("camera-switch").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
@@ -82,16 +83,16 @@ export class Camera {
 
   connect() {
     if (!this.stream) return;
-    const socket = new WebSocket(`ws://${location.host}/api/live`);
+    const socket = new WebSocket(`ws://${location.host}/api/live`, ["actioncli", token()]);
     this.socket = socket;
     this.times = [];
     socket.addEventListener("open", () => { this.sendTau(); this.sendPicture(socket); });
     socket.addEventListener("message", (event) => {
-      const told = JSON.parse(event.data);
-      if (told.error) this.stop(told.error);
-      else if (told.bones) this.bones = told.bones;
+      const answer = JSON.parse(event.data);
+      if (answer.error) this.stop(answer.error);
+      else if (answer.bones) this.bones = answer.bones;
       else {
-        this.show(told);
+        this.show(answer);
         this.sendPicture(socket);
       }
     });
@@ -124,38 +125,38 @@ export class Camera {
     if (socket.readyState === WebSocket.OPEN) socket.send(new Blob([time, jpeg]));
   }
 
-  show(told) {
-    this.draw(told.points);
+  show(answer) {
+    this.draw(answer.points);
     const now = performance.now();
     this.times = [...this.times.slice(-RATED), now];
     const rate = (1000 * (this.times.length - 1)) / Math.max(now - this.times[0], 1);
-    const view = !told.seen ? "Nobody is in view" : told.whole
+    const view = !answer.seen ? "Nobody is in view" : answer.whole
       ? "The body is in view" : "Step back until head, hands and feet are in the picture";
     const slow = this.times.length > 5 && rate < SLOW ? ", too few to follow: this machine is busy" : "";
     byId("view").textContent = `${view}, ${rate.toFixed(rate < SLOW ? 1 : 0)} pictures/s${slow}`;
-    for (const event of told.events ?? []) {
+    for (const event of answer.events ?? []) {
       byId("events").prepend(el("li", {}, `${event.label}, ${event.seconds.toFixed(1)} s, confidence ${event.confidence.toFixed(2)}`));
       while (byId("events").children.length > EVENTS) byId("events").lastChild.remove();
     }
-    this.last = told;
-    this.judge(told);
+    this.last = answer;
+    this.judge(answer);
   }
 
-  judge(told) {
-    if (!told.ranking) {
+  judge(answer) {
+    if (!answer.ranking) {
       byId("ranking").replaceChildren();
       this.verdict("none", "Nothing is enrolled to compare it with.");
       return;
     }
     const labels = (this.studio.state?.actions ?? []).filter((action) => !action.negative).map((action) => action.label);
-    const sure = new Map(told.ranking.map((seen) => [seen.label, seen.confidence]));
-    const tau = this.studio.tau() ?? told.tau;
+    const sure = new Map(answer.ranking.map((seen) => [seen.label, seen.confidence]));
+    const tau = this.studio.tau() ?? answer.tau;
     const rows = labels.map((label) => ({ label, confidence: sure.get(label) ?? null }));
     byId("ranking").replaceChildren(ranking(rows.sort((a, b) => (b.confidence ?? -1) - (a.confidence ?? -1)).slice(0, 6), tau));
-    const best = told.ranking[0];
-    if (told.current) this.verdict("yes", told.current);
+    const best = answer.ranking[0];
+    if (answer.current) this.verdict("yes", answer.current);
     else if (best) this.verdict("", `None of the actions (nearest ${best.label})`);
-    else this.verdict("none", told.seen ? "None of the actions" : "Nobody is in view");
+    else this.verdict("none", answer.seen ? "None of the actions" : "Nobody is in view");
   }
 
   // Only what is new: it is read out.
@@ -209,7 +210,7 @@ export class Camera {
       await stopped;
       const suffix = kind.includes("mp4") ? "mp4" : "webm";
       say("Recorded.");
-      this.tray.send(new Blob(parts), `camera ${++this.number}.${suffix}`, {});
+      this.uploads.send(new Blob(parts), `camera ${++this.number}.${suffix}`, {});
     } catch (error) {
       this.problem(`The recording failed: ${error.message}.`);
     } finally {
@@ -223,10 +224,10 @@ export class Camera {
 }
 
 function cameraProblem(error) {
-  const told = {
+  const messages = {
     NotAllowedError: "The browser may not use a camera on this page: allow it in the address bar, then try again.",
     NotFoundError: "The browser finds no camera. Drop a video instead.",
     NotReadableError: "The camera cannot be read; another program may be using it.",
   };
-  return told[error.name] ?? `The camera cannot be used: ${error.message}.`;
+  return messages[error.name] ?? `The camera cannot be used: ${error.message}.`;
 }

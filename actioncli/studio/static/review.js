@@ -5,19 +5,16 @@ import { byId, el, player, plural, say } from "./dom.js";
 
 const KEYS = { e: "enroll", o: "other", n: "negative", d: "delete", s: "skip" };
 
-// The token has become a cookie; it must not stay in the address bar and the history.
-history.replaceState(null, "", "/");
-
 let waiting = [];
 let place = 0;
 let busy = false;
 
 async function load() {
-  const told = await get("/api/waiting");
-  byId("folder").textContent = told.folder;
-  byId("store").textContent = told.store;
-  byId("labels").replaceChildren(...told.labels.map((label) => el("option", { value: label })));
-  waiting = told.clips;
+  const answer = await get("/api/waiting");
+  byId("folder").textContent = answer.folder;
+  byId("store").textContent = answer.store;
+  byId("labels").replaceChildren(...answer.labels.map((label) => el("option", { value: label })));
+  waiting = answer.clips;
   place = 0;
   await show();
 }
@@ -66,9 +63,9 @@ async function decide(what) {
   busy = true;
   try {
     const label = byId("label").value.trim();
-    const told = await ask("POST", `/api/waiting/${encodeURIComponent(clip.file)}`, { decision: what, label });
+    const answer = await ask("POST", `/api/waiting/${encodeURIComponent(clip.file)}`, { decision: what, label });
     say({
-      enroll: `${clip.file} enrolled as ${label}.${told.warnings.length ? ` It is ${told.warnings.join(", and ")}.` : ""}`,
+      enroll: `${clip.file} enrolled as ${label}.${answer.warnings.length ? ` It is ${answer.warnings.join(", and ")}.` : ""}`,
       negative: `${clip.file} is never accepted.`,
       delete: `${clip.file} deleted.`,
     }[what]);

@@ -1,42 +1,42 @@
 // The studio: what is enrolled is asked for again and again, for other pages and commands change it too.
 
 import { Actions } from "./actions.js";
-import { get } from "./api.js";
+import { download, get } from "./api.js";
 import { Camera } from "./camera.js";
-import { byId, el } from "./dom.js";
+import { byId, el, say } from "./dom.js";
 import { Threshold } from "./threshold.js";
-import { Tray } from "./tray.js";
+import { Uploads } from "./uploads.js";
 
 const POLL = 2000; // milliseconds
-
-// The token has become a cookie; it must not stay in the address bar and the history.
-history.replaceState(null, "", "/");
 
 const studio = {
   state: null,
   tau: () => threshold.trying,
-  tauChanged() { tray.judge(); camera.tauChanged(); },
+  tauChanged() { uploads.judge(); camera.tauChanged(); },
   async refresh() {
     try {
-      const told = await get(`/api/state?version=${encodeURIComponent(this.state?.version ?? "")}`);
+      const answer = await get(`/api/state?version=${encodeURIComponent(this.state?.version ?? "")}`);
       byId("lost").hidden = true;
-      if (!told.actions) return;
-      this.state = told;
-      byId("store").textContent = told.store;
-      if (byId("layouts").length === 1) byId("layouts").append(...told.layouts.map((name) => el("option", {}, name)));
-      actions.update(told);
-      threshold.update(told);
-      tray.update();
+      if (!answer.actions) return;
+      this.state = answer;
+      byId("store").textContent = answer.store;
+      if (byId("layouts").length === 1) byId("layouts").append(...answer.layouts.map((name) => el("option", {}, name)));
+      actions.update(answer);
+      threshold.update(answer);
+      uploads.update();
     } catch (error) {
       byId("lost").textContent = error.message;
       byId("lost").hidden = false;
     }
   },
 };
-const tray = new Tray(studio);
-const camera = new Camera(studio, tray);
+const uploads = new Uploads(studio);
+const camera = new Camera(studio, uploads);
 const actions = new Actions(studio);
 const threshold = new Threshold(studio);
+
+byId("export").querySelector("button").addEventListener("click", () =>
+  download("/api/export", "actions.safetensors").catch((error) => say(error.message)));
 
 async function follow() {
   if (!document.hidden) await studio.refresh();

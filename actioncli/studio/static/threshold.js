@@ -57,14 +57,14 @@ export class Threshold {
     const mine = ++this.asking;
     try {
       while (mine === this.asking) {
-        const told = await get("/api/measurement");
+        const answer = await get("/api/measurement");
         if (mine !== this.asking) return;
-        this.measured = told.state === "measured" ? told : null;
+        this.measured = answer.state === "measured" ? answer : null;
         // Rounded up: what is recommended is the smallest that holds.
-        if (told.recommended) told.recommended = Math.ceil(100 * told.recommended - 1e-6) / 100;
-        this.share = told.share ?? 0;
+        if (answer.recommended) answer.recommended = Math.ceil(100 * answer.recommended - 1e-6) / 100;
+        this.share = answer.share ?? 0;
         this.show();
-        if (told.state !== "measuring") return;
+        if (answer.state !== "measuring") return;
         await new Promise((done) => setTimeout(done, POLL));
       }
     } catch (error) {

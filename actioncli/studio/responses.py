@@ -1,8 +1,7 @@
-"""What pages are told, as JSON."""
+"""Responses of the local pages: files, JSON, errors; and what their requests hold."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
@@ -14,8 +13,9 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from actioncli.errors import ActionCliError, ClipError, StoreError, SupportError, UsageError
+from actioncli.files import json_text
 from actioncli.recognition.decision import Decision
-from actioncli.studio.scratch import TooLargeError
+from actioncli.studio.upload_folder import TooLargeError
 
 # The first that fits.
 _STATUS = (
@@ -32,12 +32,12 @@ _KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript",
 _SHARED = {"page.css": "actioncli.report", "player.js": "actioncli.report"}
 
 
-class Answer(JSONResponse):
+class AsciiJson(JSONResponse):
     """JSON in ASCII: names of files can hold what UTF-8 cannot."""
 
     def render(self, content: object) -> bytes:
         """The body."""
-        return json.dumps(content, allow_nan=False).encode("ascii")
+        return json_text(content, None).encode("ascii")
 
 
 def application(page: str, routes: list[BaseRoute]) -> Starlette:
@@ -54,7 +54,7 @@ def application(page: str, routes: list[BaseRoute]) -> Starlette:
             *routes,
         ],
         exception_handlers={
-            ActionCliError: _told,
+            ActionCliError: _failed,
             HTTPException: _no_such,
             Exception: _bug,
         },
@@ -62,21 +62,10 @@ def application(page: str, routes: list[BaseRoute]) -> Starlette:
 
 
 def decision_entry(decision: Decision | None) -> dict[str, Any] | None:
-    """A decision; None where nothing is enrolled."""
+    """A decision, and why it rejects; None where nothing is enrolled."""
     if decision is None:
         return None
-    return {
-        "label": decision.label,
-        "accepted": decision.accepted,
-        "confidence": decision.confidence,
-        "tau": decision.tau,
-        "nearest": decision.nearest,
-        "shadowed": decision.negative_is_nearer,
-        "part": decision.part,
-        "ranking": [
-            {"label": each.label, "confidence": each.confidence} for each in decision.ranking
-        ],
-    }
+    return {**decision.to_json(), "negative_is_nearer": decision.negative_is_nearer}
 
 
 async def json_object(request: Request) -> dict[str, Any]:
@@ -107,23 +96,26 @@ def checked_tau(tau: object) -> float | None:
     return float(tau)
 
 
-def _told(request: Request, error: Exception) -> Response:
-    status = next(code for kind, code in _STATUS if isinstance(error, kind))
+def _error(kind: str, message: str, status: int) -> Response:
     # What has not been read of the request is not waited for.
     headers = {"Connection": "close"} if status == 413 else None
-    told = {"type": type(error).__name__, "message": str(error)}
-    return Answer({"error": told}, status, headers)
+    return AsciiJson({"error": {"type": kind, "message": message}}, status, headers)
+
+
+def _failed(request: Request, error: Exception) -> Response:
+    status = next(code for kind, code in _STATUS if isinstance(error, kind))
+    return _error(type(error).__name__, str(error), status)
 
 
 def _bug(request: Request, error: Exception) -> Response:
-    told = f"unexpected {type(error).__name__}: {error} (this is a bug; --debug shows where)"
-    return Answer({"error": {"type": type(error).__name__, "message": told}}, 500)
+    kind = type(error).__name__
+    message = f"unexpected {kind}: {error} (this is a bug; --debug shows where)"
+    return _error(kind, message, 500)
 
 
 def _no_such(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    told = {"type": "HTTPException", "message": f"{request.url.path}: {error.detail}."}
-    return Answer({"error": told}, error.status_code)
+    return _error("HTTPException", f"{request.url.path}: {error.detail}.", error.status_code)
 
 
 def _file(name: str) -> Callable[[Request], Response]:
@@ -131,15 +123,15 @@ def _file(name: str) -> Callable[[Request], Response]:
     path = files(package) / name if name in _SHARED else files(package) / "static" / name
     suffix = name[name.rindex(".") :]
 
-    def answer(request: Request) -> Response:
+    def respond(request: Request) -> Response:
         return Response(path.read_bytes(), media_type=_KINDS[suffix])
 
-    return answer
+    return respond
 
 
 def _static(request: Request) -> Response:
     name = request.path_params["name"]
-    known = {each.name for each in (files("actioncli.studio") / "static").iterdir()}
-    if name not in known | _SHARED.keys() or name.endswith(".html"):
+    own = {each.name for each in (files("actioncli.studio") / "static").iterdir()}
+    if name not in own | _SHARED.keys() or name.endswith(".html"):
         return PlainTextResponse("No such file.\n", 404)
     return _file(name)(request)

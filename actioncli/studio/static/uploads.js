@@ -1,4 +1,4 @@
-// Clips that were sent: read, shown, and decided on one by one.
+// Uploaded clips: read, shown, and decided on one by one.
 
 import { ask, forget, get, upload } from "./api.js";
 import { button, byId, el, player, plural, ranking, say } from "./dom.js";
@@ -6,7 +6,7 @@ import { button, byId, el, player, plural, ranking, say } from "./dom.js";
 const POLL = 400; // milliseconds
 const RANKED = 5;
 
-export class Tray {
+export class Uploads {
   // studio: { state, tau(), refresh() }
   constructor(studio) {
     this.studio = studio;
@@ -37,7 +37,7 @@ export class Tray {
     const clip = new Clip(this, file, name);
     this.clips.add(clip);
     byId("clips").prepend(clip.element);
-    byId("tray").hidden = false;
+    byId("uploads").hidden = false;
     clip.send(options);
   }
 
@@ -49,14 +49,14 @@ export class Tray {
     const focused = clip.element.contains(document.activeElement);
     this.clips.delete(clip);
     clip.element.remove();
-    byId("tray").hidden = this.clips.size === 0;
-    if (focused) byId(this.clips.size ? "tray-title" : "actions-title").focus();
+    byId("uploads").hidden = this.clips.size === 0;
+    if (focused) byId(this.clips.size ? "uploads-title" : "actions-title").focus();
   }
 }
 
 class Clip {
-  constructor(tray, file, name) {
-    Object.assign(this, { tray, file, name, id: null, told: null, gone: new AbortController() });
+  constructor(uploads, file, name) {
+    Object.assign(this, { uploads, file, name, id: null, answer: null, gone: new AbortController() });
     this.body = el("div");
     this.element = el("article", { class: "card", "aria-label": `Clip ${name}` },
       el("div", { class: "head" }, el("h3", {}, name)), this.body);
@@ -66,7 +66,7 @@ class Clip {
     this.wait("sending");
     const { file } = this;
     try {
-      const limit = this.tray.studio.state?.limit;
+      const limit = this.uploads.studio.state?.limit;
       if (limit && file.size > limit) {
         throw new Error(`The file is larger than ${limit / 1e6} MB, more than is taken here. Cut out ` +
           "the action, or use the command line, which reads files where they are.");
@@ -80,11 +80,11 @@ class Clip {
 
   async follow() {
     while (!this.gone.signal.aborted) {
-      const told = await get(`/api/clips/${this.id}`);
+      const answer = await get(`/api/clips/${this.id}`);
       if (this.gone.signal.aborted) return;
-      if (told.state === "failed") return this.fail(told.message);
-      if (told.state === "ready") return this.show(told);
-      this.wait("looking", told.seconds, told.total);
+      if (answer.state === "failed") return this.fail(answer.message);
+      if (answer.state === "ready") return this.show(answer);
+      this.wait("looking", answer.seconds, answer.total);
       await new Promise((done) => setTimeout(done, POLL));
     }
   }
@@ -105,14 +105,14 @@ class Clip {
     const text = message.startsWith(this.name) ? message : `${this.name}: ${message}`;
     this.body.replaceChildren(el("p", { class: "problem", role: "alert" }, text),
       el("div", { class: "row" },
-        button("Try again", () => this.send(this.tray.options()), { "aria-label": `Try ${this.name} again` }),
+        button("Try again", () => this.send(this.uploads.options()), { "aria-label": `Try ${this.name} again` }),
         button("Dismiss", () => this.discard(""), { "aria-label": `Dismiss ${this.name}` })));
   }
 
-  show(told) {
-    this.told = told;
+  show(answer) {
+    this.answer = answer;
     this.file = null;
-    const { decision } = told;
+    const { decision } = answer;
     this.stage = el("div");
     this.verdict = el("p", { class: "verdict" });
     this.ranked = el("div");
@@ -126,8 +126,8 @@ class Clip {
       button("Never accept", () => this.enroll(true), { title: "Keep it as what must never be accepted" }),
       button("Discard", () => this.discard("discarded"), { "aria-label": `Discard ${this.name}` }));
     const notes = el("ul", { class: "notes" },
-      el("li", {}, `${plural(told.frames, "frame")}, ${told.seconds.toFixed(1)} s`),
-      ...told.notes.map((note) => el("li", {}, note)));
+      el("li", {}, `${plural(answer.frames, "frame")}, ${answer.seconds.toFixed(1)} s`),
+      ...answer.notes.map((note) => el("li", {}, note)));
     this.problem = el("p", { class: "problem", role: "alert", hidden: true });
     this.body.replaceChildren(this.stage,
       this.verdict, this.ranked, notes, form, this.problem);
@@ -138,12 +138,12 @@ class Clip {
 
   // The clip, and beside it, in step, an example of the action that it is nearest to.
   async draw() {
-    const nearest = this.told.decision?.nearest ?? "";
+    const nearest = this.answer.decision?.nearest ?? "";
     if (nearest === this.beside) return;
     this.beside = nearest;
-    const shown = [{ caption: "this clip", figure: this.told.figure }];
+    const shown = [{ caption: "this clip", figure: this.answer.figure }];
     this.stage.replaceChildren(player(this.name, shown));
-    const action = this.tray.studio.state?.actions.find((each) => each.label === nearest);
+    const action = this.uploads.studio.state?.actions.find((each) => each.label === nearest);
     if (!action) return;
     const figure = await get(`/api/examples/${action.examples[0].id}`).catch(() => null);
     if (figure === null || this.beside !== nearest) return;
@@ -151,9 +151,9 @@ class Clip {
   }
 
   async update() {
-    if (!this.told) return;
+    if (!this.answer) return;
     try {
-      this.told.decision = (await get(`/api/clips/${this.id}`)).decision;
+      this.answer.decision = (await get(`/api/clips/${this.id}`)).decision;
       this.draw();
       this.judge();
     } catch (error) {
@@ -163,8 +163,8 @@ class Clip {
 
   // Words for the decision, under the tau that the slider shows.
   judge() {
-    if (!this.told) return;
-    const { decision } = this.told;
+    if (!this.answer) return;
+    const { decision } = this.answer;
     this.ranked.replaceChildren();
     if (!decision) {
       this.verdict.className = "verdict none";
@@ -172,18 +172,18 @@ class Clip {
       return;
     }
     const tau = this.tau(decision);
-    const accepted = decision.confidence > tau && !decision.shadowed;
+    const accepted = decision.confidence > tau && !decision.negative_is_nearer;
     const sure = `${decision.confidence.toFixed(2)} ${decision.confidence > tau ? ">" : "≤"} τ ${tau.toFixed(2)}`;
     this.verdict.className = `verdict${accepted ? " yes" : ""}`;
-    const [from, to] = decision.part ?? [0, Infinity];
-    const part = to - from < 0.98 * this.told.seconds ? `, from ${from.toFixed(1)} s to ${to.toFixed(1)} s` : "";
+    const { start, end } = decision.part ?? { start: 0, end: Infinity };
+    const part = end - start < 0.98 * this.answer.seconds ? `, from ${start.toFixed(1)} s to ${end.toFixed(1)} s` : "";
     this.verdict.textContent = accepted
       ? `Recognised: ${decision.nearest} (confidence ${sure}${part})`
-      : `Rejected (nearest ${decision.nearest}, confidence ${sure}${decision.shadowed ? ", but a negative is nearer" : ""})`;
+      : `Rejected (nearest ${decision.nearest}, confidence ${sure}${decision.negative_is_nearer ? ", but a negative is nearer" : ""})`;
     this.ranked.append(ranking(decision.ranking.slice(0, RANKED), tau));
   }
 
-  tau(decision) { return this.tray.studio.tau() ?? decision.tau; }
+  tau(decision) { return this.uploads.studio.tau() ?? decision.tau; }
 
   refuse(message) {
     this.problem.textContent = message;
@@ -198,12 +198,12 @@ class Clip {
       return;
     }
     try {
-      const told = await ask("POST", `/api/clips/${this.id}/enroll`, { label, negative });
-      const what = told.added ? "enrolled" : "was there already";
-      const warned = told.warnings.length ? ` It is ${told.warnings.join(", and ")}.` : "";
-      say(`${this.name} ${what} as ${negative ? "what is never accepted" : told.label}.${warned}`);
-      this.tray.remove(this);
-      await this.tray.studio.refresh();
+      const answer = await ask("POST", `/api/clips/${this.id}/enroll`, { label, negative });
+      const what = answer.added ? "enrolled" : "was there already";
+      const warned = answer.warnings.length ? ` It is ${answer.warnings.join(", and ")}.` : "";
+      say(`${this.name} ${what} as ${negative ? "what is never accepted" : answer.label}.${warned}`);
+      this.uploads.remove(this);
+      await this.uploads.studio.refresh();
     } catch (error) {
       this.refuse(error.message);
     }
@@ -217,6 +217,6 @@ class Clip {
   discard(word) {
     this.leave();
     if (word) say(`${this.name} ${word}.`);
-    this.tray.remove(this);
+    this.uploads.remove(this);
   }
 }

@@ -1,4 +1,4 @@
-"""Clips that were sent: read beside everything else, then held until somebody decides."""
+"""Uploaded clips: read beside everything else, then held until somebody decides."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class CancelledError(Exception):
 
 
 @dataclass(eq=False)
-class Sent:
-    """One clip that was sent.
+class Upload:
+    """One uploaded clip.
 
     Attributes:
         id: what the page calls it.
         name: of the file, for people.
         whole: whether the user said which part is the action.
         progress: how far a video has been read.
-        reading: gives the clip and its embedding (F, E), or the error.
+        reading: gives the clip, or the error.
     """
 
     id: str
@@ -111,8 +111,8 @@ def check_kind(name: str) -> str:
     )
 
 
-class Tray:
-    """What was sent and not yet decided."""
+class Uploads:
+    """What was uploaded and is not yet decided on."""
 
     def __init__(self, recognizer: Recognizer) -> None:
         """Begin with nothing.
@@ -121,13 +121,13 @@ class Tray:
             recognizer: finds out whether a clip can be used.
         """
         self._recognizer = recognizer
-        self._sent: dict[str, Sent] = {}
+        self._uploads: dict[str, Upload] = {}
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
         # Two: a file of joints need not wait for a long video.
         self._workers = ThreadPoolExecutor(2, "read")
 
-    def add(self, path: Path, name: str, options: ReadOptions) -> Sent:
+    def add(self, path: Path, name: str, options: ReadOptions) -> Upload:
         """Read a file, in the background, and delete it.
 
         Args:
@@ -135,51 +135,51 @@ class Tray:
             options: how to read it.
         """
         with self._lock:
-            sent = Sent(str(next(self._numbers)), file_name(name) or "clip", options.whole)
-            self._sent[sent.id] = sent
-            dropped = [self._sent.pop(old) for old in list(self._sent)[:-_MOST]]
+            upload = Upload(str(next(self._numbers)), file_name(name) or "clip", options.whole)
+            self._uploads[upload.id] = upload
+            dropped = [self._uploads.pop(old) for old in list(self._uploads)[:-_MOST]]
         for old in dropped:
             old.cancel()
-        sent.reading = self._workers.submit(self._read, path, sent, options)
+        upload.reading = self._workers.submit(self._read, path, upload, options)
         # A reading that is cancelled before it begins never gets to delete its file.
-        sent.reading.add_done_callback(lambda _: path.unlink(missing_ok=True))
-        return sent
+        upload.reading.add_done_callback(lambda _: path.unlink(missing_ok=True))
+        return upload
 
-    def get(self, number: str) -> Sent:
-        """A clip that was sent.
+    def get(self, number: str) -> Upload:
+        """An uploaded clip.
 
         Raises:
             SupportError: there is none of that number.
         """
         with self._lock:
-            sent = self._sent.get(number)
-        if sent is None:
+            upload = self._uploads.get(number)
+        if upload is None:
             raise SupportError("This clip is not here any more; send it again.")
-        sent.asked()
-        return sent
+        upload.asked()
+        return upload
 
     def discard(self, number: str) -> None:
         """Forget a clip; one that is being read is stopped."""
         with self._lock:
-            sent = self._sent.pop(number, None)
-        if sent is not None:
-            sent.cancel()
+            upload = self._uploads.pop(number, None)
+        if upload is not None:
+            upload.cancel()
 
     def close(self) -> None:
         """Stop all reading, and wait until it has."""
         with self._lock:
-            for sent in self._sent.values():
-                sent.cancel()
-            self._sent.clear()
+            for upload in self._uploads.values():
+                upload.cancel()
+            self._uploads.clear()
         self._workers.shutdown(wait=True, cancel_futures=True)
 
-    def _read(self, path: Path, sent: Sent, options: ReadOptions) -> Clip:
+    def _read(self, path: Path, upload: Upload, options: ReadOptions) -> Clip:
         try:
-            clip = read_any(path, options, sent.advance)
-            clip = replace(clip, source=sent.name)
+            clip = read_any(path, options, upload.advance)
+            clip = replace(clip, source=upload.name)
             # A clip that the model cannot use would fail every later classification.
             self._recognizer.embed([clip])
             return clip
         except ActionCliError as error:
-            told = str(error).replace(str(path), sent.name)
-            raise type(error)(told) from error
+            message = str(error).replace(str(path), upload.name)
+            raise type(error)(message) from error

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import shutil
+import re
+import secrets
 import subprocess
 import sys
 import tempfile
@@ -15,17 +15,14 @@ from starlette.requests import Request
 
 from actioncli.errors import UsageError
 from actioncli.files import NoHomeError, user_folder
+from actioncli.studio import sweeper
+from actioncli.studio.sweeper import delete_uploads
 
-_PREFIX = "studio-"
 # A folder that is older was left by a machine that lost power; no page is used for so long.
 _OLD_SECONDS = 7 * 24 * 3600
-
-# Waits for the end of its parent, whatever ends it, and deletes the folder.
-_SWEEPER = """
-import shutil, sys
-sys.stdin.read()
-shutil.rmtree(sys.argv[1], ignore_errors=True)
-"""
+# Only a folder that holds this file with these bytes is used, and swept.
+MARK, _MARK_CONTENT = "actioncli-uploads", b"actioncli: uploads lie here and are deleted\n"
+_RANDOM_NAME = re.compile("[0-9a-f]{32}")
 
 
 class TooLargeError(UsageError):
@@ -39,7 +36,7 @@ class TooLargeError(UsageError):
         )
 
 
-class Scratch:
+class UploadFolder:
     """A folder that only its owner can read (0700), with files that only he can read (0600).
 
     It is deleted by `close`, and by a small process that outlives this one where `close` is
@@ -50,23 +47,25 @@ class Scratch:
     """
 
     def __init__(self) -> None:
-        """Make it, beside the cache of poses.
+        """Make it in `uploads`, beside the cache of poses.
 
         Raises:
-            UsageError: it cannot be made.
+            UsageError: it cannot be made, or `uploads` is not a folder of this tool.
         """
         try:
-            base = user_folder("cache")
-            base.mkdir(parents=True, exist_ok=True, mode=0o700)
-            _sweep(base)
-            self.folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=base))
+            base = user_folder("cache") / "uploads"
         except NoHomeError as error:
             raise UsageError(str(error)) from error
+        try:
+            _claim(base)
+            _sweep(base)
+            self.folder = base / secrets.token_hex(16)
+            self.folder.mkdir(mode=0o700)
         except OSError as error:
             raise UsageError(f"{base}: cannot hold uploads: {error.strerror}.") from error
         # A session of its own: Ctrl-C on the terminal does not reach it.
         self._sweeper = subprocess.Popen(
-            [sys.executable, "-I", "-S", "-c", _SWEEPER, str(self.folder)],
+            [sys.executable, "-I", "-S", sweeper.__file__, str(self.folder)],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -75,19 +74,19 @@ class Scratch:
 
     def file(self, suffix: str) -> Path:
         """A new empty file."""
-        handle, name = tempfile.mkstemp(suffix=suffix, dir=self.folder)
-        os.close(handle)
-        return Path(name)
+        path = self.folder / f"{secrets.token_hex(16)}{suffix}"
+        path.touch(mode=0o600, exist_ok=False)
+        return path
 
     def close(self) -> None:
-        """Delete the folder and all that is in it."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Delete the folder and the files that were made in it."""
+        delete_uploads(self.folder)
         if self._sweeper.stdin is not None:
             self._sweeper.stdin.close()
         self._sweeper.wait()
 
 
-async def receive(request: Request, scratch: Scratch, suffix: str, limit: int) -> Path:
+async def receive(request: Request, folder: UploadFolder, suffix: str, limit: int) -> Path:
     """Write a request's body to a file, which is gone again unless all of it came.
 
     Args:
@@ -103,7 +102,7 @@ async def receive(request: Request, scratch: Scratch, suffix: str, limit: int) -
         raise TooLargeError(limit)
     size, path = 0, None
     try:
-        path = scratch.file(suffix)
+        path = folder.file(suffix)
         with path.open("wb") as file:
             async for part in request.stream():
                 size += len(part)
@@ -119,8 +118,36 @@ async def receive(request: Request, scratch: Scratch, suffix: str, limit: int) -
     return path
 
 
+def _claim(base: Path) -> None:
+    """Make the folder of all uploads, with its mark, unless it is there.
+
+    Raises:
+        UsageError: something else of that name is there.
+        OSError: it cannot be made.
+    """
+    base.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    mark = base / MARK
+    if not mark.exists():
+        # It appears with its mark: two pages may start at once.
+        made = Path(tempfile.mkdtemp(prefix="uploads-", dir=base.parent))
+        (made / MARK).write_bytes(_MARK_CONTENT)
+        try:
+            with contextlib.suppress(OSError):
+                base.rmdir()  # where it is empty
+            made.rename(base)
+        except OSError:
+            (made / MARK).unlink()
+            made.rmdir()
+    marked = mark.is_file() and mark.read_bytes() == _MARK_CONTENT
+    if base.is_symlink() or mark.is_symlink() or not marked:
+        raise UsageError(
+            f"{base}: uploads lie in a folder of this name, and something else is there; move it."
+        )
+
+
 def _sweep(base: Path) -> None:
-    for folder in base.glob(_PREFIX + "*"):
+    for folder in base.iterdir():
         with contextlib.suppress(OSError):
-            if time.time() - folder.stat().st_mtime > _OLD_SECONDS:
-                shutil.rmtree(folder, ignore_errors=True)
+            old = time.time() - folder.lstat().st_mtime > _OLD_SECONDS
+            if old and _RANDOM_NAME.fullmatch(folder.name):
+                delete_uploads(folder)
