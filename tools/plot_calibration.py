@@ -28,9 +28,9 @@ def calibration(figures: dict[str, Any]) -> str:
     )
     bins = mean["reliability"]
     xs, ys = ([each[key] for each in bins] for key in ("confidence", "accuracy"))
-    plot.diagonal("confidence that is right as often as it says")
-    plot.line(xs, ys, 0, figures["scorer"])
-    plot.dots(xs, ys, [each["share"] for each in bins], 0)
+    plot.line([0, 1], [0, 1], 5, "confidence that is right as often as it says")
+    radii = [2.5 + 14 * each["share"] ** 0.5 for each in bins]
+    plot.line(xs, ys, 0, figures["scorer"], radii)
     drawn = re.search(r"<svg (.*?)>(.*?)</svg>", plot.html(), re.DOTALL)
     assert drawn is not None
     css = files("actioncli.report").joinpath("page.css").read_text(encoding="utf-8")

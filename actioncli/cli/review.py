@@ -65,7 +65,7 @@ def review(
     if page:
         counted = review_page(settings, folder, port, open_page)
         if not settings.json:
-            _tell(counted)
+            _summarize(counted)
         return
     if port or not open_page:
         raise UsageError("--port and --no-open belong to --page.")
@@ -73,7 +73,7 @@ def review(
 
     waiting = kept_clips(folder)
     if settings.json:
-        write_json({"clips": [_entry(kept) for kept in waiting]})
+        write_json({"clips": [kept.to_json() for kept in waiting]})
         return
     if not waiting:
         settings.tell("Nothing waits for review.")
@@ -82,21 +82,21 @@ def review(
         raise UsageError("nobody can be asked here; --json lists what waits.")
     with settings.open_store() as store:
         done = _walk(settings, store, waiting)
-    _tell(done)
+    _summarize(done)
 
 
-_TOLD = {"enroll": "enrolled", "negative": "enrolled as negatives", "delete": "deleted"}
+_DONE = {"enroll": "enrolled", "negative": "enrolled as negatives", "delete": "deleted"}
 _OF_KEY = {"e": "enroll", "n": "negative", "d": "delete"}
 
 
-def _tell(done: Mapping[str, int]) -> None:
-    told = [plural(done[each], "clip") + f" {word}" for each, word in _TOLD.items() if done[each]]
-    say(", ".join(told) if told else "nothing was changed")
+def _summarize(done: Mapping[str, int]) -> None:
+    parts = [plural(done[each], "clip") + f" {word}" for each, word in _DONE.items() if done[each]]
+    say(", ".join(parts) or "nothing was changed")
 
 
 def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> dict[str, int]:
     """Ask about each clip; how many were enrolled, made negatives, and deleted."""
-    done = dict.fromkeys(_TOLD, 0)
+    done = dict.fromkeys(_DONE, 0)
     for place, kept in enumerate(waiting, 1):
         try:
             clip = kept.clip()
@@ -158,16 +158,3 @@ def _key() -> str:
         return os.read(terminal, 1).decode("ascii", "replace")
     finally:
         termios.tcsetattr(terminal, termios.TCSANOW, before)
-
-
-def _entry(kept: Kept) -> dict[str, object]:
-    return {
-        "file": str(kept.file),
-        "label": kept.label,
-        "confidence": kept.confidence,
-        "tau": kept.tau,
-        "event": kept.event,
-        "start": kept.start,
-        "end": kept.end,
-        "source": kept.source,
-    }

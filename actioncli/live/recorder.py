@@ -6,7 +6,7 @@ import contextlib
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,7 @@ class Kept:
         label: of the nearest action.
         confidence: the highest that was reached.
         tau: the threshold of that action.
-        event: whether it was told as an event; else it was a near miss.
+        event: whether it was reported as an event; else it was a near miss.
         start, end: seconds of the stream.
         source: the stream.
     """
@@ -56,6 +56,10 @@ class Kept:
     def origin(self) -> str:
         """Which part of which stream it was, for people."""
         return f"{self.source} {self.start:.1f} s to {self.end:.1f} s"
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values."""
+        return {**asdict(self), "file": str(self.file)}
 
     def clip(self) -> Clip:
         """Read the clip.
@@ -186,17 +190,9 @@ class Recorder:
         from actioncli.clips.write import write_clip
 
         file = self._new_file(re.sub(r"[^\w-]+", "_", label)[:40])
-        kept = Kept(
-            file=file,
-            label=label,
-            confidence=confidence,
-            tau=self._threshold.of(label),
-            event=event,
-            start=start,
-            end=end,
-            source=self._source,
-        )
-        description = {key: value for key, value in asdict(kept).items() if key != "file"}
+        tau = self._threshold.of(label)
+        kept = Kept(file, label, confidence, tau, event, start, end, self._source)
+        description = {key: value for key, value in kept.to_json().items() if key != "file"}
         text = json.dumps(description, indent=1)
         try:
             write_clip(file, clip, private=True)
@@ -241,19 +237,9 @@ def kept_clips(folder: Path) -> list[Kept]:
             continue
         try:
             with description.open(encoding="utf-8") as file:
-                told = json.loads(file.read(_LONGEST_DESCRIPTION))
-            found.append(
-                Kept(
-                    file=clip,
-                    label=str(told["label"]),
-                    confidence=_finite(told["confidence"]),
-                    tau=_finite(told["tau"]),
-                    event=bool(told["event"]),
-                    start=_finite(told["start"]),
-                    end=_finite(told["end"]),
-                    source=str(told["source"]),
-                )
-            )
+                document = json.loads(file.read(_LONGEST_DESCRIPTION))
+            values = {name: kind(document[name]) for name, kind in _DESCRIPTION.items()}
+            found.append(Kept(clip, **values))
         except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
             raise UsageError(
                 f"{description}: damaged ({type(error).__name__}: {error}); delete it and its clip."
@@ -261,12 +247,19 @@ def kept_clips(folder: Path) -> list[Kept]:
     return found
 
 
-def _finite(told: Any) -> float:
-    # JSON of Python's can hold `NaN`, which nobody wrote here and no page can be told.
-    value = float(told)
+def _finite(number: Any) -> float:
+    # JSON of Python's can hold `NaN`, which nobody wrote here and no page could show.
+    value = float(number)
     if not math.isfinite(value):
         raise ValueError(f"{value} is no finite number")
     return value
+
+
+_DESCRIPTION: Mapping[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("label", "source"), str),
+    **dict.fromkeys(("confidence", "tau", "start", "end"), _finite),
+    "event": bool,
+}
 
 
 def _number(file: Path) -> int:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.prepare import Preparation, prepared_at
+from actioncli.clips.prepare import prepared_at
 from actioncli.model.config import ModelConfig
 from actioncli.recognition.decision import Decision
 from actioncli.recognition.explanation import Attended, Explanation
@@ -21,30 +22,34 @@ _PARTS = {"hip": "hip", "kne": "knee", "ank": "ankle", "sho": "shoulder", "elb":
           "wri": "wrist"}  # fmt: skip
 
 
-def contributions(
-    query: Clip, decision: Decision, explanation: Explanation, config: ModelConfig
-) -> str:
-    """Where the distance to the nearest action comes from: in words, by joint, by moment.
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """A decision and what explains it.
 
-    Args:
+    Attributes:
         query: the clip that was classified.
         decision: what came of it.
         explanation: of the distance to the nearest action.
         config: of the model.
-
-    Returns:
-        HTML.
     """
+
+    query: Clip
+    decision: Decision
+    explanation: Explanation
+    config: ModelConfig
+
+
+def contributions(case: Explained) -> str:
+    """HTML: where the distance to the nearest action comes from, in words, by joint, by moment."""
     return (
-        _summary(query, decision, explanation, config.preparation)
-        + f'\n<div class="plots">{_joints(explanation)}{_moments(explanation)}</div>\n'
-        + _definition(decision, explanation, config)
+        _summary(case)
+        + f'\n<div class="plots">{_joints(case.explanation)}{_moments(case.explanation)}</div>\n'
+        + _definition(case)
     )
 
 
-def _summary(
-    query: Clip, decision: Decision, explanation: Explanation, preparation: Preparation
-) -> str:
+def _summary(case: Explained) -> str:
+    query, explanation = case.query, case.explanation
     most = sorted(explanation.joints, key=lambda joint: -explanation.joints[joint])[:3]
     most = [joint for joint in most if explanation.joints[joint] > 0]
     if explanation.distance <= explanation.base or not most:
@@ -56,14 +61,15 @@ def _summary(
         f"{_joint_name(joint)} ({explanation.joints[joint] / explanation.distance:.0%})"
         for joint in most
     )
-    at = prepared_at(query, preparation) / query.fps
+    at = prepared_at(query, case.config.preparation) / query.fps
     edges = np.linspace(0, len(at) - 1, len(explanation.moments) + 1)
     first, last = _densest(explanation.moments)
     span = np.interp([edges[first], edges[last + 1]], np.arange(len(at)), at)
     share = float(explanation.moments[first : last + 1].sum()) / explanation.distance
+    nearest = escape(case.decision.nearest)
     return (
-        f"<p>Most of the distance to {escape(decision.nearest)} comes from {named}; {share:.0%} of "
-        f"it arises between {span[0]:.1f} s and {span[1]:.1f} s of the query.</p>"
+        f"<p>Most of the distance to {nearest} comes from {named}; {share:.0%} of it "
+        f"arises between {span[0]:.1f} s and {span[1]:.1f} s of the query.</p>"
     )
 
 
@@ -95,9 +101,10 @@ def _moments(explanation: Explanation) -> str:
     return plot.html("The upright line is the moment that is shown above.")
 
 
-def _definition(decision: Decision, explanation: Explanation, config: ModelConfig) -> str:
+def _definition(case: Explained) -> str:
+    explanation = case.explanation
     parts = explanation.distance - explanation.base
-    factor = decision.ranking[0].distance / (explanation.distance or 1.0)
+    factor = case.decision.ranking[0].distance / (explanation.distance or 1.0)
     windows = (
         f" The clip is a window of a long one. The decision’s distance is {factor:.2f} times as "
         "large, because of many windows one is more often like an action by chance."
@@ -107,7 +114,7 @@ def _definition(decision: Decision, explanation: Explanation, config: ModelConfi
     odds = (
         "The distance is the odds against the clip and the action being the same, "
         "(1 − confidence) / confidence. "
-        if config.warp_width
+        if case.config.warp_width
         else ""
     )
     return (
@@ -124,21 +131,14 @@ def _definition(decision: Decision, explanation: Explanation, config: ModelConfi
     )
 
 
-def attention(
-    query: Clip, example: Clip, named: str, explanation: Explanation, config: ModelConfig
-) -> str:
-    """Which moments of the query the model compared with which of the example.
+def attention(case: Explained, example: Clip, named: str) -> str:
+    """HTML: which moments of the query the model compared with which of an example.
 
     Args:
-        query: the clip that was classified.
-        example: the one that `explanation` is about.
+        example: the one that the explanation is about.
         named: what to call it.
-        explanation: of the distance between the two.
-        config: of the model.
-
-    Returns:
-        HTML.
     """
+    explanation = case.explanation
     plot = Plot(
         "Attention between moments",
         Axis(f"way through {named}", 0, 1, SHARES, percent=True),
@@ -149,14 +149,11 @@ def attention(
         "The stronger the colour, the more a moment of the query is compared with a moment of the "
         "example; a straight diagonal means that both go through the action alike."
     )
-    moments = len(explanation.moments)
-    shown = "".join(
-        _pair(each, query, example, moments, config.preparation) for each in explanation.pairs
-    )
+    shown = "".join(_pair(each, case, example) for each in explanation.pairs)
     makes = (
         "make T, one part of the score beside the cost of warping one clip onto the other, the "
         "room that other people’s motions leave around both, and the discriminator’s judgement"
-        if config.warp_width
+        if case.config.warp_width
         else "make the distance, T"
     )
     return (
@@ -168,23 +165,21 @@ def attention(
     )
 
 
-def _pair(
-    each: Attended, query: Clip, example: Clip, moments: int, preparation: Preparation
-) -> str:
+def _pair(each: Attended, case: Explained, example: Clip) -> str:
     """Two moments of the query above the two of the example that they attend to most."""
     shapes = []
-    for row, (clip, pair) in enumerate(((query, each.query), (example, each.example))):
+    for row, (clip, pair) in enumerate(((case.query, each.query), (example, each.example))):
         drawn = figure(clip)
-        at = prepared_at(clip, preparation)
-        step = len(at) // moments
+        at = prepared_at(clip, case.config.preparation)
+        step = len(at) // len(case.explanation.moments)
         top = float(drawn.points[..., 1].max())
         for column, moment in enumerate(pair):
             frame = round(float(at[moment * step + step // 2]))
             scale = 78 / max(top + 0.1, 1.2)
             across = 105 + 100 * column
             shapes += ground_and_body(drawn, frame, (across, 105 + 125 * row), scale, 2.5)
-            told = f"{frame / clip.fps:.1f} s"
-            shapes.append(Text((across, 122 + 125 * row), told, 10, "muted", "middle"))
+            seconds = f"{frame / clip.fps:.1f} s"
+            shapes.append(Text((across, 122 + 125 * row), seconds, 10, "muted", "middle"))
         shapes.append(Text((8, 65 + 125 * row), "query" if row == 0 else "example", 11, "muted"))
     said = (
         f"{each.weight:.0%} of this pair’s attention goes to the pair below; its part of T is "

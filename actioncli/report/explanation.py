@@ -8,13 +8,13 @@ from html import escape
 from pathlib import Path
 
 from actioncli.clips.clip import Clip
-from actioncli.clips.prepare import Preparation, prepared_at
+from actioncli.clips.prepare import prepared_at
 from actioncli.errors import UsageError
 from actioncli.files import replacing
 from actioncli.model.config import ModelConfig
 from actioncli.recognition.decision import Decision
 from actioncli.recognition.explanation import Explanation
-from actioncli.report.contributions import attention, contributions, short
+from actioncli.report.contributions import Explained, attention, contributions, short
 from actioncli.report.figure import Figure, figure
 from actioncli.report.page import Stage, page, playable, scrolling
 
@@ -68,8 +68,8 @@ def write_explanation(
     """
     check_page(path)
     stage = Stage()
-    parts = _sections(query, decision, neighbours, explanation, config, stage)
-    body = "\n".join(parts)
+    case = Explained(query, decision, explanation, config)
+    body = "\n".join(_sections(case, neighbours, stage))
     title = f"{'Accepted' if decision.accepted else 'Rejected'}: {Path(query.source).name}"
     try:
         with replacing(path) as part:
@@ -78,61 +78,47 @@ def write_explanation(
         raise UsageError(f"{path}: cannot be written: {error.strerror}.") from error
 
 
-def _sections(
-    query: Clip,
-    decision: Decision,
-    neighbours: Sequence[Neighbour],
-    explanation: Explanation,
-    config: ModelConfig,
-    stage: Stage,
-) -> Iterator[str]:
-    preparation = config.preparation
+def _sections(case: Explained, neighbours: Sequence[Neighbour], stage: Stage) -> Iterator[str]:
+    query, decision, example = case.query, case.decision, neighbours[0]
     name = escape(Path(query.source).name or "the clip")
     nearest = escape(decision.nearest)
     yield f"<h1>{name}: {nearest if decision.accepted else 'rejected'}</h1>"
     yield _verdict(decision)
-    yield _players(query, neighbours, explanation, preparation, stage)
+    yield _players(case, neighbours, stage)
     yield "<h2>The nearest actions</h2>"
     yield _ranking(decision)
     yield f"<h2>What makes the distance to {nearest}</h2>"
-    yield contributions(query, decision, explanation, config)
+    yield contributions(case)
     yield "<h2>What was compared with what</h2>"
-    example = neighbours[0]
-    named = f"{example.label}: {example.name}"
-    yield attention(query, example.clip, named, explanation, config)
+    yield attention(case, example.clip, f"{example.label}: {example.name}")
     yield "<h2>What happened to the clip before</h2>"
-    yield _notes(query, decision, preparation)
+    yield _notes(case)
 
 
 def _verdict(decision: Decision) -> str:
     nearest, confidence = escape(decision.nearest), f"{decision.confidence:.2f}"
     tau = f"{decision.tau:.2f}"
     if decision.accepted:
-        told = (
+        verdict = (
             f"Accepted as <b>{nearest}</b>: the confidence, {confidence}, is above the threshold "
             f"τ, {tau}."
         )
     elif decision.negative_is_nearer:
-        told = (
+        verdict = (
             f"Rejected: a negative is nearer (distance {decision.nearest_negative:.2f}) than the "
             f"nearest action, <b>{nearest}</b> ({decision.ranking[0].distance:.2f}), which "
             f"rejects whatever the confidence ({confidence}; τ is {tau})."
         )
     else:
-        told = (
+        verdict = (
             f"Rejected: the nearest action is <b>{nearest}</b>, but the confidence, {confidence}, "
             f"is not above the threshold τ, {tau}."
         )
-    return f'<p class="verdict{" yes" if decision.accepted else ""}">{told}</p>'
+    return f'<p class="verdict{" yes" if decision.accepted else ""}">{verdict}</p>'
 
 
-def _players(
-    query: Clip,
-    neighbours: Sequence[Neighbour],
-    explanation: Explanation,
-    preparation: Preparation,
-    stage: Stage,
-) -> str:
+def _players(case: Explained, neighbours: Sequence[Neighbour], stage: Stage) -> str:
+    query, preparation = case.query, case.config.preparation
     clips = [(f"<b>{escape(Path(query.source).name)}</b>the query", query)]
     for place, each in enumerate(neighbours):
         what = "nearest action" if place == 0 else f"number {place + 1}"
@@ -140,12 +126,12 @@ def _players(
     shown = []
     for place, (caption, clip) in enumerate(clips):
         drawn = figure(clip)
-        glow = _glow(drawn, explanation) if place == 0 else None
+        glow = _glow(drawn, case.explanation) if place == 0 else None
         shown.append((caption, playable(drawn, prepared_at(clip, preparation).tolist(), glow)))
     mirrored = (
         " The query resembles the nearest action more with left and right exchanged, and was "
         "compared so, at a price in distance."
-        if explanation.mirrored
+        if case.explanation.mirrored
         else ""
     )
     return (
@@ -191,22 +177,23 @@ def _ranking(decision: Decision) -> str:
     )
 
 
-def _notes(query: Clip, decision: Decision, preparation: Preparation) -> str:
-    told = [
+def _notes(case: Explained) -> str:
+    query, preparation = case.query, case.config.preparation
+    notes = [
         f"{len(query)} frames at {query.fps:.4g} a second ({query.duration:.1f} s), "
         f"{len(query.joint_names)} joints"
     ]
-    told += [*query.notes, *decision.notes]
+    notes += [*query.notes, *case.decision.notes]
     if query.confidence is not None:
         unsure = float((query.confidence < 0.5).mean())
-        told.append(f"{unsure:.0%} of the joint positions were seen with a confidence below 0.5")
+        notes.append(f"{unsure:.0%} of the joint positions were seen with a confidence below 0.5")
     spacing = "time" if not preparation.motion else f"time and, by {preparation.motion:.0%}, motion"
-    told.append(f"{preparation.frames} frames were taken, equidistant in {spacing}")
+    notes.append(f"{preparation.frames} frames were taken, equidistant in {spacing}")
     if preparation.heading:
-        told.append("the body was turned to face the front")
+        notes.append("the body was turned to face the front")
     size = {"torso": "was divided by the length of its torso",
             "standard": "was given standard proportions"}  # fmt: skip
     if preparation.size in size:
-        told.append(f"the body {size[preparation.size]}")
-    lines = "".join(f"<li>{escape(line)}</li>" for line in dict.fromkeys(told))
+        notes.append(f"the body {size[preparation.size]}")
+    lines = "".join(f"<li>{escape(line)}</li>" for line in dict.fromkeys(notes))
     return f"<ul>{lines}</ul>"

@@ -42,7 +42,7 @@ def page(title: str, body: str, figures: Sequence[dict[str, Any]] = ()) -> str:
             f'<script type="application/json" id="figures">{data}</script>\n'
             f"<script>{_resource('player.js')}</script>\n"
         )
-    told = (
+    document = (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -52,7 +52,7 @@ def page(title: str, body: str, figures: Sequence[dict[str, Any]] = ()) -> str:
         f"</footer>\n{moving}</body>\n</html>\n"
     )
     # Half a character, which stands for a byte of a file's name that is no UTF-8, can't be written.
-    return told.encode(errors="backslashreplace").decode()
+    return document.encode(errors="backslashreplace").decode()
 
 
 @dataclass

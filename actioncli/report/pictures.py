@@ -22,7 +22,7 @@ def check_picture(path: Path) -> None:
     """Find out whether a picture could be written, before any work.
 
     Raises:
-        UsageError: the suffix is of no known kind, or the folder does not exist.
+        UsageError: the suffix is of no kind that is drawn, or the folder does not exist.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError(f"{path}: drawings are written as {', '.join(SUFFIXES)}.")

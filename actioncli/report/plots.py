@@ -56,9 +56,9 @@ class Plot:
     _legend: list[tuple[int, str]] = field(default_factory=list)
 
     def line(
-        self, xs: ArrayLike, ys: ArrayLike, series: int, name: str, dots: bool = False
+        self, xs: ArrayLike, ys: ArrayLike, series: int, name: str, radii: Sequence[float] = ()
     ) -> None:
-        """A line through points, in the legend if it has a name."""
+        """A line through points, in the legend if it has a name; dots where radii are given."""
         points = self._points(xs, ys)
         joined = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         self._marks.append(
@@ -66,11 +66,11 @@ class Plot:
             f'stroke-width="2" stroke-dasharray="{_DASHES[series]}" stroke-linejoin="round">'
             f"<title>{escape(name)}</title></polyline>"
         )
-        if dots:
-            self._marks += [
-                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="var(--s{series})"/>'
-                for x, y in points
-            ]
+        self._marks += [
+            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="var(--s{series})" '
+            'opacity="0.5"/>'
+            for (x, y), radius in zip(points, radii, strict=False)
+        ]
         if name:
             self._legend.append((series, name))
 
@@ -86,14 +86,6 @@ class Plot:
         ys = np.concatenate([[0.0], np.repeat(np.asarray(shares, float), 2), [0.0]])
         self.band(xs, np.zeros(len(xs)), ys, series)
         self.line(xs, ys, series, name)
-
-    def dots(self, xs: ArrayLike, ys: ArrayLike, areas: Sequence[float], series: int) -> None:
-        """Dots whose areas are in proportion to `areas`, which are at most 1."""
-        for (x, y), area in zip(self._points(xs, ys), areas, strict=True):
-            self._marks.append(
-                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{2.5 + 14 * area**0.5:.1f}" '
-                f'fill="var(--s{series})" opacity="0.5"/>'
-            )
 
     def cells(self, shares: NDArray[np.float64], series: int) -> None:
         """A matrix over the whole plot, its first row at the bottom, the darker the larger."""
@@ -128,14 +120,6 @@ class Plot:
             f'<text x="{x + 4:.1f}" y="{_TOP + 10}">{escape(name)}</text>'
         )
 
-    def diagonal(self, name: str) -> None:
-        """The line y = x, with its name."""
-        (x1, y1), (x2, y2) = self._place(0, 0), self._place(1, 1)
-        self._marks.append(
-            f'<line x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}" stroke="var(--muted)" '
-            f'stroke-dasharray="2 4"><title>{escape(name)}</title></line>'
-        )
-
     def html(self, note: str = "") -> str:
         """The plot as an HTML figure with its legend and a note in plain text below it."""
         bottom, right = HEIGHT - _BOTTOM, WIDTH - _RIGHT
@@ -162,14 +146,14 @@ class Plot:
             for series, name in sorted(self._legend)
         )
         legend = f'<ul class="legend">{legend}</ul>' if legend else ""
-        told = f"{self.y.label[:1].upper()}{self.y.label[1:]}. {note}"
+        words = f"{self.y.label[:1].upper()}{self.y.label[1:]}. {note}"
         return (
             f'<figure><h3>{title}</h3><svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
             f'aria-label="{title}: {escape(self.y.label)} over {escape(self.x.label)}">'
             f"{''.join(grid)}{''.join(self._marks)}"
             f'<text x="{(_LEFT + right) / 2}" y="{HEIGHT - 6}" text-anchor="middle">'
             f"{escape(self.x.label)}</text>"
-            f"</svg>{legend}<figcaption>{escape(told)}</figcaption>"
+            f"</svg>{legend}<figcaption>{escape(words)}</figcaption>"
             "</figure>"
         )
 

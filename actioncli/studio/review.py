@@ -6,7 +6,6 @@ import asyncio
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -53,7 +52,9 @@ class Review:
                 "folder": str(self.folder),
                 "store": str(self.support.store.path),
                 "labels": [action.label for action in actions if not action.negative],
-                "clips": [_entry(kept) for kept in kept_clips(self.folder)],
+                "clips": [
+                    {**kept.to_json(), "file": kept.file.name} for kept in kept_clips(self.folder)
+                ],
             }
         )
 
@@ -96,16 +97,3 @@ class Review:
             if kept.file.name == name:
                 return kept
         raise SupportError(f"{name} is not in the folder any more.")
-
-
-def _entry(kept: Kept) -> dict[str, Any]:
-    return {
-        "file": kept.file.name,
-        "label": kept.label,
-        "confidence": kept.confidence,
-        "tau": kept.tau,
-        "event": kept.event,
-        "start": kept.start,
-        "end": kept.end,
-        "source": kept.source,
-    }
