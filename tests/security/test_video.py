@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from actioncli import ClipError, read_video_clip
+from actioncli import ClipError
 from actioncli.pose.frames import VideoFile
+from actioncli.pose.video import read_video_clip
 
 from .limits import run_limited
 
