@@ -15,7 +15,7 @@ from starlette.routing import Route, WebSocketRoute
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.pose.read import ReadOptions
-from actioncli.recognition.threshold import rename_action
+from actioncli.recognition.threshold import Threshold, keep_threshold, rename_action
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.studio.live import live_endpoint
@@ -29,7 +29,7 @@ from actioncli.studio.responses import (
 )
 from actioncli.studio.support import SharedSupport
 from actioncli.studio.upload_folder import UploadFolder, receive
-from actioncli.studio.uploads import Upload, Uploads, check_kind
+from actioncli.studio.uploads import Uploads, check_kind
 
 # Bytes of an upload: minutes of video, where seconds are wanted.
 LARGEST_UPLOAD = 500_000_000
@@ -68,8 +68,8 @@ class Studio:
             [
                 Route("/api/state", self.state),
                 Route("/api/examples/{id:int}", self.example_figure),
-                Route("/api/examples/{id:int}", self.remove_example, methods=["DELETE"]),
-                Route("/api/actions", self.remove_action, methods=["DELETE"]),
+                Route("/api/examples/{id:int}", self.remove, methods=["DELETE"]),
+                Route("/api/actions", self.remove, methods=["DELETE"]),
                 Route("/api/actions", self.rename_action, methods=["PATCH"]),
                 Route("/api/clips", self.upload, methods=["POST"]),
                 Route("/api/clips/{id}", self.clip),
@@ -87,26 +87,17 @@ class Studio:
         version = self.support.version()
         if request.query_params.get("version") == version:
             return AsciiJson({"version": version})
-        more = {"limit": self.limit, "layouts": list(LAYOUTS)}
-        return AsciiJson({**self.support.state(), **more})
+        return AsciiJson({**self.support.state(), "limit": self.limit, "layouts": list(LAYOUTS)})
 
     def example_figure(self, request: Request) -> Response:
         """The skeleton of an example."""
         return AsciiJson(self.support.figure(request.path_params["id"]))
 
-    async def remove_example(self, request: Request) -> Response:
-        """Delete one example of an action."""
-        asked = await json_object(request)
-        label = _text(asked, "label")
-        removed = await asyncio.to_thread(
-            self.support.store.remove, label, request.path_params["id"]
-        )
-        return AsciiJson({"removed": removed})
-
-    async def remove_action(self, request: Request) -> Response:
-        """Delete an action."""
-        asked = await json_object(request)
-        removed = await asyncio.to_thread(self.support.store.remove, _text(asked, "label"))
+    async def remove(self, request: Request) -> Response:
+        """Delete an action, or one of its examples."""
+        label = _text(await json_object(request), "label")
+        example = request.path_params.get("id")
+        removed = await asyncio.to_thread(self.support.store.remove, label, example)
         return AsciiJson({"removed": removed})
 
     async def rename_action(self, request: Request) -> Response:
@@ -128,21 +119,18 @@ class Studio:
     def clip(self, request: Request) -> Response:
         """How far reading is, or the clip and what it shows."""
         upload = self.uploads.get(request.path_params["id"])
-        return AsciiJson(self._entry(upload))
-
-    def _entry(self, upload: Upload) -> dict[str, Any]:
         entry: dict[str, Any] = {"id": upload.id, "name": upload.name, "state": "reading"}
         if not upload.reading.done():
             if upload.progress is not None:
                 entry["seconds"] = upload.progress.seconds
                 entry["total"] = upload.progress.total
-            return entry
+            return AsciiJson(entry)
         if message := upload.error():
-            return {**entry, "state": "failed", "message": message}
+            return AsciiJson({**entry, "state": "failed", "message": message})
         clip = upload.clip()
-        decision = self.support.classify(clip, upload.whole)
-        return {
-            **entry,
+        support = self.support.loaded()
+        decision = support.classify(clip, upload.whole) if support.actions else None
+        entry |= {
             "state": "ready",
             "frames": len(clip),
             "seconds": clip.duration,
@@ -150,6 +138,7 @@ class Studio:
             "figure": playable(figure(clip)),
             "decision": decision_entry(decision),
         }
+        return AsciiJson(entry)
 
     def discard(self, request: Request) -> Response:
         """Forget a clip, or stop reading it."""
@@ -165,23 +154,18 @@ class Studio:
         clip = self.uploads.get(number).clip()
         enrolled = await asyncio.to_thread(self.support.enroll, label, clip, negative)
         self.uploads.discard(number)
-        return AsciiJson(
-            {
-                "label": enrolled.label,
-                "example": enrolled.example,
-                "added": enrolled.added,
-                "warnings": list(enrolled.warnings),
-            }
-        )
+        return AsciiJson({"label": enrolled.label, **enrolled.to_json()})
 
     def measured(self, request: Request) -> Response:
         """False accepts and rejects over tau."""
         return AsciiJson(self.measurement.state())
 
     async def keep_tau(self, request: Request) -> Response:
-        """Use a threshold from now on; null forgets it."""
+        """Use a threshold from now on, here and in the commands; null forgets it."""
         tau = checked_tau((await json_object(request)).get("tau"))
-        await asyncio.to_thread(self.support.keep_tau, tau)
+        checksum = self.support.recognizer.weights.checksum
+        threshold = None if tau is None else Threshold(tau, checksum)
+        await asyncio.to_thread(keep_threshold, self.support.store, threshold)
         return AsciiJson({"tau": tau})
 
     def export(self, request: Request) -> Response:

@@ -7,6 +7,7 @@ import json
 import math
 import struct
 from collections.abc import Awaitable, Callable
+from dataclasses import asdict
 from typing import Any
 
 import cv2
@@ -35,7 +36,11 @@ _MEMORY = 3.0
 
 
 class Camera:
-    """What one camera shows, picture by picture."""
+    """What one camera shows, picture by picture.
+
+    Attributes:
+        tau: the threshold that is tried; None is the one in use.
+    """
 
     def __init__(self, support: SharedSupport) -> None:
         """Load the pose networks.
@@ -44,15 +49,11 @@ class Camera:
             WeightsError: one is missing or damaged.
         """
         self._support = support
-        self._tau: float | None = None
+        self.tau: float | None = None
         self._detector: EventDetector | None = None
         self._used: tuple[SupportSet, float | None] | None = None
         self._poses, self._memory = PoseStream(DEFAULT_QUALITY, _MEMORY), _MEMORY
         self._time, self._looked = -math.inf, -math.inf
-
-    def use(self, tau: float | None) -> None:
-        """Try a threshold; None is the one in use."""
-        self._tau = tau
 
     def frame(self, message: bytes) -> dict[str, Any]:
         """Take in a picture, and tell what it shows.
@@ -87,12 +88,12 @@ class Camera:
     def _follow_support(self) -> None:
         """What is enrolled may change while the camera runs."""
         loaded = self._support.loaded()
-        if self._used == (loaded, self._tau):
+        if self._used == (loaded, self.tau):
             return
-        self._used = loaded, self._tau
+        self._used = loaded, self.tau
         self._detector = None
         if loaded.actions:
-            support = loaded if self._tau is None else loaded.with_tau(self._tau)
+            support = loaded if self.tau is None else loaded.with_tau(self.tau)
             self._threshold = support.threshold
             self._detector = EventDetector(support)
             needed = max(self._detector.windows) + 1
@@ -110,16 +111,10 @@ class Camera:
             ]
         detector = self._detector
         if detector is not None:
-            shown["ranking"] = [
-                {"label": seen.label, "confidence": seen.confidence} for seen in detector.ranking
-            ]
+            shown["ranking"] = [asdict(seen) for seen in detector.ranking]
             shown["tau"] = self._threshold.tau
-            current = detector.current
-            shown["current"] = None if current is None else current.label
-            shown["events"] = [
-                {"label": e.label, "seconds": e.end - e.start, "confidence": e.confidence}
-                for e in over
-            ]
+            shown["current"] = detector.current and detector.current.label
+            shown["events"] = [event.to_json() for event in over]
         return shown
 
 
@@ -139,7 +134,7 @@ def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[Non
                     shown = await asyncio.to_thread(camera.frame, message["bytes"])
                     await _send(socket, shown)
                 else:
-                    camera.use(_tau(message.get("text") or ""))
+                    camera.tau = _tau(message.get("text") or "")
         except ActionCliError as error:
             await _send(socket, {"error": str(error)})
             await socket.close(1003)

@@ -8,10 +8,8 @@ from typing import Any
 
 from actioncli.calibration.enrolment import Enrolled, enrol
 from actioncli.clips.clip import Clip
-from actioncli.recognition.decision import Decision
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.recognition.support import SupportSet
-from actioncli.recognition.threshold import Threshold, keep_threshold
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.store.store import SupportStore
@@ -59,37 +57,23 @@ class SharedSupport:
                 self._seen = version
             return self._loaded
 
-    def keep_tau(self, tau: float | None) -> None:
-        """Use this threshold from now on, here and in the commands; None is the default."""
-        checksum = self.recognizer.weights.checksum
-        keep_threshold(self.store, None if tau is None else Threshold(tau, checksum))
-
     def state(self) -> dict[str, Any]:
         """All that is enrolled, in words."""
         version = self.version()
         support = self.loaded()
-        threshold, kept = support.threshold, support.stored_threshold is support.threshold
         actions: dict[str, dict[str, Any]] = {}
         for each in support.examples:
             action = actions.setdefault(
                 each.label, {"label": each.label, "negative": each.negative, "examples": []}
             )
-            action["examples"].append(
-                {
-                    "id": each.id,
-                    "source": each.source,
-                    "seconds": each.seconds,
-                    "added": each.added,
-                    "note": each.note,
-                }
-            )
+            action["examples"].append(each.to_json())
         return {
             "version": version,
             "store": str(self.store.path),
             "actions": list(actions.values()),
-            "tau": threshold.tau,
-            "kept": kept,
-            "own": len(threshold.actions),
+            "tau": support.threshold.tau,
+            "kept": support.stored_threshold is support.threshold,
+            "own": len(support.threshold.actions),
         }
 
     def figure(self, example: int) -> dict[str, Any]:
@@ -99,15 +83,6 @@ class SharedSupport:
             SupportError: there is no such example.
         """
         return playable(figure(self.store.clip(example)))
-
-    def classify(self, clip: Clip, whole: bool) -> Decision | None:
-        """What a clip shows; None where nothing is enrolled.
-
-        Args:
-            whole: whether the clip is the action, and none is looked for in a part of it.
-        """
-        support = self.loaded()
-        return support.classify(clip, whole) if support.actions else None
 
     def enroll(self, label: str, clip: Clip, negative: bool, note: str = "") -> Enrolled:
         """Keep a clip, as an example of an action or as what must never be accepted.

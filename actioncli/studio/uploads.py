@@ -39,6 +39,7 @@ class Upload:
         whole: whether the user said which part is the action.
         progress: how far a video has been read.
         reading: gives the clip, or the error.
+        asked: when somebody last asked for it, on the monotonic clock.
     """
 
     id: str
@@ -47,11 +48,7 @@ class Upload:
     progress: Progress | None = None
     reading: Future[Clip] = field(default_factory=Future)
     _cancelled: threading.Event = field(default_factory=threading.Event)
-    _asked: float = field(default_factory=time.monotonic)
-
-    def asked(self) -> None:
-        """Note that somebody waits for it."""
-        self._asked = time.monotonic()
+    asked: float = field(default_factory=time.monotonic)
 
     def cancel(self) -> None:
         """Stop reading as soon as possible."""
@@ -92,7 +89,7 @@ class Upload:
         self.progress = progress
         if self._cancelled.is_set():
             raise CancelledError("it was cancelled")
-        if time.monotonic() - self._asked > _PATIENCE:
+        if time.monotonic() - self.asked > _PATIENCE:
             raise CancelledError("nobody waited for it; send it again")
 
 
@@ -155,7 +152,7 @@ class Uploads:
             upload = self._uploads.get(number)
         if upload is None:
             raise SupportError("This clip is not here any more; send it again.")
-        upload.asked()
+        upload.asked = time.monotonic()
         return upload
 
     def discard(self, number: str) -> None:

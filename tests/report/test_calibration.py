@@ -12,7 +12,7 @@ from actioncli.calibration.threshold import Calibration
 from actioncli.calibration.trials import Trials
 from actioncli.report.calibration import write_calibration
 
-from .browser import accessible, ask, needs_chromium
+from .browser import accessible, needs_chromium
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOTHING = {"count": 0, "of": 0, "motions": 0, "rate": None, "low": 0.0, "high": 1.0}
@@ -57,12 +57,6 @@ def test_page_tables_and_figures(folder: Path) -> None:
     with (folder / "rates.csv").open(newline="") as file:
         [row] = csv.DictReader(file)
     assert (row["false_accepts_count"], row["false_rejects_rate"]) == ("1", "")
-
-
-@needs_chromium
-def test_it_fits_a_phone(folder: Path) -> None:
-    script = "return document.documentElement.scrollWidth - innerWidth;"
-    assert ask(folder / "index.html", script, width=500) <= 0
 
 
 @needs_chromium

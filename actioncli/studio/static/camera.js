@@ -135,7 +135,7 @@ export class Camera {
     const slow = this.times.length > 5 && rate < SLOW ? ", too few to follow: this machine is busy" : "";
     byId("view").textContent = `${view}, ${rate.toFixed(rate < SLOW ? 1 : 0)} pictures/s${slow}`;
     for (const event of answer.events ?? []) {
-      byId("events").prepend(el("li", {}, `${event.label}, ${event.seconds.toFixed(1)} s, confidence ${event.confidence.toFixed(2)}`));
+      byId("events").prepend(el("li", {}, `${event.label}, ${(event.end - event.start).toFixed(1)} s, confidence ${event.confidence.toFixed(2)}`));
       while (byId("events").children.length > EVENTS) byId("events").lastChild.remove();
     }
     this.last = answer;
