@@ -105,22 +105,18 @@ def _served(
     from actioncli.studio.server import Server
     from actioncli.studio.upload_folder import UploadFolder
 
-    server = Server(port, settings.debug)
-    try:
-        uploads = UploadFolder()
-        try:
-            if settings.json:
-                say(json.dumps({"address": server.address}))
-            else:
-                say(server.address)
-                settings.tell("Ctrl-C ends it.")
-            if open_page:
-                threading.Thread(target=_open, args=(server, uploads.folder), daemon=True).start()
-            yield server, uploads
-        finally:
-            uploads.close()
-    finally:
-        server.close()
+    with (
+        contextlib.closing(Server(port, settings.debug)) as server,
+        contextlib.closing(UploadFolder()) as uploads,
+    ):
+        if settings.json:
+            say(json.dumps({"address": server.address}))
+        else:
+            say(server.address)
+            settings.tell("Ctrl-C ends it.")
+        if open_page:
+            threading.Thread(target=_open, args=(server, uploads.folder), daemon=True).start()
+        yield server, uploads
 
 
 def _open(server: Server, folder: Path) -> None:

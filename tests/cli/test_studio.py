@@ -72,11 +72,12 @@ def uploads(home: Path) -> list[Path]:
     return list(home.glob("uploads/*/"))
 
 
-def gone(home: Path) -> bool:
+def until(done: Callable[[], object]) -> None:
+    """Wait; fails where it does not come."""
     deadline = time.monotonic() + 60
-    while uploads(home) and time.monotonic() < deadline:
+    while not done() and time.monotonic() < deadline:
         time.sleep(0.02)
-    return not uploads(home)
+    assert done()
 
 
 def begin_upload(address: str) -> http.client.HTTPConnection:
@@ -103,9 +104,7 @@ def test_it_serves_until_it_is_ended_and_leaves_nothing(
     assert get(address, "/api/state")[0] == 200
     assert get(address, "/api/state", {})[0] == 403
     upload = begin_upload(address)
-    deadline = time.monotonic() + 60
-    while not list(home.glob("uploads/*/*")) and time.monotonic() < deadline:
-        time.sleep(0.02)
+    until(lambda: list(home.glob("uploads/*/*")))
     (file,) = home.glob("uploads/*/*")
     assert file.stat().st_mode & 0o777 == 0o600
     child.send_signal(number)
@@ -123,7 +122,7 @@ def test_a_crash_leaves_nothing_either(start: Start, home: Path) -> None:
     assert uploads(home)
     child.kill()
     child.wait()
-    assert gone(home)
+    until(lambda: not uploads(home))
     upload.close()
 
 
@@ -143,9 +142,7 @@ def test_the_browser_is_given_a_file_that_nobody_else_can_read(
     browser.chmod(0o700)
     child = start("studio", BROWSER=str(browser))
     address = line(child).strip()
-    deadline = time.monotonic() + 60
-    while not seen.exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
+    until(seen.exists)
     opened = urlsplit(seen.read_text())
     assert opened.scheme == "file"
     page = Path(opened.path)

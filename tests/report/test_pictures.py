@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from actioncli import Clip, UsageError, read_clip
-from actioncli.report.drawing import PALETTES, Drawing, Shape
+from actioncli.report.drawing import PALETTES, Drawing, Shape, Theme
 from actioncli.report.pictures import write_picture
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -23,13 +23,10 @@ def squat() -> Clip:
     return read_clip(EXAMPLES / "squat/ada.npz")
 
 
-def rgb(colour: str) -> np.ndarray:
-    return np.array(list(bytes.fromhex(colour[1:])))
-
-
 def share(pixels: np.ndarray, colour: str) -> float:
     """Share of the pixels that have nearly this colour."""
-    near = np.abs(pixels.astype(int) - rgb(colour)).max(axis=-1) <= 12
+    rgb = list(bytes.fromhex(colour[1:]))
+    near = np.abs(pixels.astype(int) - rgb).max(axis=-1) <= 12
     return float(near.mean())
 
 
@@ -67,18 +64,15 @@ def test_guessed_joints_are_hollow_and_their_bones_dotted(tmp_path: Path, squat:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_png_shows_both_sides_on_its_paper(tmp_path: Path, squat: Clip, theme: str) -> None:
-    write_picture(tmp_path / "a.png", "squat", [("", squat)], "dark" if theme == "dark" else None)
-    palette = PALETTES["dark" if theme == "dark" else "light"]
+def test_png_shows_both_sides_on_its_paper(tmp_path: Path, squat: Clip, theme: Theme) -> None:
+    write_picture(tmp_path / "a.png", "squat", [("", squat)], theme)
     pixels = np.asarray(Image.open(tmp_path / "a.png"))
-    assert share(pixels, palette["paper"]) > 0.8
-    assert share(pixels, palette["left"]) > 0.002
-    assert share(pixels, palette["right"]) > 0.002
+    for role, least in (("paper", 0.8), ("left", 0.002), ("right", 0.002)):
+        assert share(pixels, PALETTES[theme][role]) > least
 
 
-def test_gif_lasts_as_long_as_the_clip_and_repeats(tmp_path: Path) -> None:
-    joints = read_clip(EXAMPLES / "squat/ada.npz")
-    short = Clip(joints.joints[:31], joints.joint_names, 30)
+def test_gif_lasts_as_long_as_the_clip_and_repeats(tmp_path: Path, squat: Clip) -> None:
+    short = Clip(squat.joints[:31], squat.joint_names, 30)
     write_picture(tmp_path / "a.gif", "squat", [("", short)] * 3)
     with Image.open(tmp_path / "a.gif") as gif:
         seconds = gif.n_frames * gif.info["duration"] / 1000
@@ -86,9 +80,8 @@ def test_gif_lasts_as_long_as_the_clip_and_repeats(tmp_path: Path) -> None:
     assert 1 < seconds < 2
 
 
-def test_mp4_plays(tmp_path: Path) -> None:
-    joints = read_clip(EXAMPLES / "squat/ada.npz")
-    short = Clip(joints.joints[:8], joints.joint_names, 30)
+def test_mp4_plays(tmp_path: Path, squat: Clip) -> None:
+    short = Clip(squat.joints[:8], squat.joint_names, 30)
     write_picture(tmp_path / "a.mp4", "squat", [("", short)])
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     read, frame = video.read()

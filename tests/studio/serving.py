@@ -6,7 +6,7 @@ import http.client
 import json
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,13 +86,9 @@ class Client:
 
     def read(self, number: str) -> dict[str, Any]:
         """What has become of a clip that was sent."""
-        deadline = time.monotonic() + 120
-        while time.monotonic() < deadline:
-            told: dict[str, Any] = self.get(f"/api/clips/{number}")
-            if told["state"] != "reading":
-                return told
-            time.sleep(0.03)
-        raise AssertionError("is still being read")
+        until(lambda: self.get(f"/api/clips/{number}")["state"] != "reading", 120)
+        read: dict[str, Any] = self.get(f"/api/clips/{number}")
+        return read
 
     def enroll(self, file: Path, label: str, negative: bool = False) -> Any:
         """Send a file and keep it."""
@@ -102,6 +98,14 @@ class Client:
         status, told = self.ask("POST", f"/api/clips/{sent['id']}/enroll", document)
         assert status == 200, told
         return told
+
+
+def until(done: Callable[[], object], seconds: float = 60) -> None:
+    """Wait; fails where it does not come."""
+    deadline = time.monotonic() + seconds
+    while not done() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert done()
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from actioncli import SupportStore, read_clip
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.studio.app import LARGEST_UPLOAD, Studio
 
-from .serving import EXAMPLES, Client
+from .serving import EXAMPLES, Client, until
 
 SQUAT, WAVE = EXAMPLES / "squat/ada.npz", EXAMPLES / "wave_right/ada.npz"
 
@@ -24,12 +24,19 @@ def left_behind(studio: Studio) -> list[Path]:
     return list(studio.upload_folder.folder.iterdir())
 
 
-def nothing_left(studio: Studio) -> bool:
-    """Within a second; what ends a request ends it in its own time."""
-    deadline = time.monotonic() + 60
-    while left_behind(studio) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return not left_behind(studio)
+def nothing_left(studio: Studio) -> None:
+    """What ends a request ends it in its own time."""
+    until(lambda: not left_behind(studio))
+
+
+def begin_post(client: Client, *headers: str) -> socket.socket:
+    """A request whose body is still to come."""
+    raw = socket.create_connection(("127.0.0.1", client.port), timeout=60)
+    sent = {**client.headers, "Host": f"127.0.0.1:{client.port}"}
+    lines = [f"{name}: {value}" for name, value in sent.items()]
+    start = ["POST /api/clips?name=film.mp4 HTTP/1.1", *lines, *headers, "", ""]
+    raw.sendall("\r\n".join(start).encode())
+    return raw
 
 
 def test_enrolled_classified_and_rejected_as_the_commands_do(
@@ -51,7 +58,7 @@ def test_enrolled_classified_and_rejected_as_the_commands_do(
     unknown = client.send(EXAMPLES / "bow/ben.npz")["decision"]
     assert (unknown["label"], unknown["accepted"]) == (None, False)
     assert [e.source for e in store.examples("squat")] == ["ada.npz"]
-    assert nothing_left(studio)
+    nothing_left(studio)
 
 
 def test_the_same_clip_is_known_and_an_unlike_one_is_told(client: Client) -> None:
@@ -111,7 +118,7 @@ def test_exported_as_one_file(client: Client, studio: Studio, tmp_path: Path) ->
     file = tmp_path / "actions.safetensors"
     file.write_bytes(content)
     assert SupportStore(tmp_path / "other.db").import_(file) == (1, 0)
-    assert nothing_left(studio)
+    nothing_left(studio)
 
 
 def test_false_accepts_and_rejects_over_tau(client: Client, studio: Studio) -> None:
@@ -181,20 +188,16 @@ def test_a_file_of_the_wrong_kind_is_refused_and_named(
         assert failed["state"] == "failed"
         assert failed["message"].startswith(f"{name}: ")
         assert str(studio.upload_folder.folder) not in failed["message"]
-    assert nothing_left(studio)
+    nothing_left(studio)
 
 
 def test_what_is_too_large_is_refused_before_it_is_read(client: Client, studio: Studio) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", client.port, timeout=60)
-    connection.putrequest("POST", "/api/clips?name=film.mp4")
-    for name, value in {**client.headers, "Content-Length": str(5 * 10**9)}.items():
-        connection.putheader(name, value)
-    connection.endheaders()
-    response = connection.getresponse()
-    assert response.status == 413
-    assert b"larger than 500 MB" in response.read()
-    assert response.getheader("Connection") == "close"
-    connection.close()
+    with begin_post(client, f"Content-Length: {5 * 10**9}") as raw:
+        response = http.client.HTTPResponse(raw)
+        response.begin()
+        assert response.status == 413
+        assert b"larger than 500 MB" in response.read()
+        assert response.getheader("Connection") == "close"
     assert LARGEST_UPLOAD == studio.limit == client.get("/api/state")["limit"]
     assert not left_behind(studio)
 
@@ -204,11 +207,7 @@ def test_what_does_not_announce_its_size_is_cut_off(
 ) -> None:
     monkeypatch.setattr(studio, "limit", 300_000)
     sent = 0
-    with socket.create_connection(("127.0.0.1", client.port), timeout=60) as raw:
-        headers = {**client.headers, "Host": f"127.0.0.1:{client.port}"}
-        lines = [f"{name}: {value}" for name, value in headers.items()]
-        start = ["POST /api/clips?name=film.mp4 HTTP/1.1", "Transfer-Encoding: chunked", *lines]
-        raw.sendall("\r\n".join([*start, "", ""]).encode())
+    with begin_post(client, "Transfer-Encoding: chunked") as raw:
         try:
             for _ in range(1000):
                 raw.sendall(b"10000\r\n" + bytes(0x10000) + b"\r\n")
@@ -217,22 +216,17 @@ def test_what_does_not_announce_its_size_is_cut_off(
         except OSError:
             pass
     assert 300_000 < sent < 60_000_000
-    assert nothing_left(studio)
+    nothing_left(studio)
 
 
 def test_a_tab_that_is_closed_while_it_sends_leaves_nothing(client: Client, studio: Studio) -> None:
-    with socket.create_connection(("127.0.0.1", client.port), timeout=60) as raw:
-        headers = {**client.headers, "Host": f"127.0.0.1:{client.port}"}
-        lines = [f"{name}: {value}" for name, value in headers.items()]
-        start = ["POST /api/clips?name=film.mp4 HTTP/1.1", "Content-Length: 1000000", *lines]
-        raw.sendall("\r\n".join([*start, "", ""]).encode() + bytes(200_000))
-        deadline = time.monotonic() + 60
-        while not left_behind(studio) and time.monotonic() < deadline:
-            time.sleep(0.01)
+    with begin_post(client, "Content-Length: 1000000") as raw:
+        raw.sendall(bytes(200_000))
+        until(lambda: left_behind(studio))
         (file,) = left_behind(studio)
         assert file.stat().st_mode & 0o777 == 0o600
         assert studio.upload_folder.folder.stat().st_mode & 0o777 == 0o700
-    assert nothing_left(studio)
+    nothing_left(studio)
 
 
 def test_what_is_not_understood_is_told(client: Client) -> None:
@@ -274,7 +268,7 @@ def test_many_at_once(client: Client, studio: Studio) -> None:
     for thread in threads:
         thread.join()
     assert len(studio.support.store.examples()) == len(files)
-    assert nothing_left(studio)
+    nothing_left(studio)
 
 
 def test_a_bug_is_told_to_the_page(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import threading
-import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from actioncli.recognition.threshold import kept_threshold
 from actioncli.studio.app import Studio
 
 from .browsing import FILM, PHONE, check, enroll, opened, send
-from .serving import EXAMPLES, Client
+from .serving import EXAMPLES, Client, until
 
 SHARED = FILM.parents[1]
 SQUAT, OTHER_SQUAT = EXAMPLES / "squat/ada.npz", EXAMPLES / "squat/ben.npz"
@@ -255,10 +254,7 @@ def test_a_real_video_is_looked_at_with_progress_and_cancelled(tab: Page, studio
     send(tab, SHARED / "squat/darebeeW.mp4")
     expect(looking).to_be_visible()
     tab.reload()
-    deadline = time.monotonic() + 60
-    while list(studio.upload_folder.folder.iterdir()) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not list(studio.upload_folder.folder.iterdir())
+    until(lambda: not list(studio.upload_folder.folder.iterdir()))
     enroll(tab, SHARED / "squat/hciproM.mp4", "squat")
     (example,) = studio.support.store.examples("squat")
     assert example.source == "hciproM.mp4"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from actioncli.studio import uploads as module
 from actioncli.studio.uploads import Uploads, check_kind
 from tests.pose.videos import write_video
 
-from .serving import EXAMPLES
+from .serving import EXAMPLES, until
 
 
 @pytest.fixture(scope="module")
@@ -44,13 +43,6 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def film(tmp_path: Path, minute: Path) -> Path:
     """A copy of it, as it was uploaded."""
     return Path(shutil.copy(minute, tmp_path))
-
-
-def until(done: Callable[[], bool], seconds: float = 60) -> None:
-    deadline = time.monotonic() + seconds
-    while not done() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert done()
 
 
 def test_a_clip_is_read_and_its_file_deleted(uploads: Uploads, tmp_path: Path) -> None:
