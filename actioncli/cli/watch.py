@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -147,8 +148,10 @@ class _Screen(_Nothing):
     def say(self, line: str) -> None:
         """An event. On a terminal that shows both streams, what goes past the view is drawn over by
         it: the view itself puts the line above."""
-        if sys.stdout.isatty():
-            self._live.console.print(line, markup=False, highlight=False, soft_wrap=True)
+        if sys.stdout.isatty() and os.ttyname(1) == os.ttyname(2):
+            self._live.console.print(
+                line, markup=False, emoji=False, highlight=False, soft_wrap=True
+            )
         else:
             say(line)
 

@@ -114,6 +114,10 @@ def watch(
             pass
         except ClipError as error:
             lost = error
+        except GeneratorExit:  # who took the events has enough, or was interrupted
+            if recorder is not None:
+                recorder.finish(detector.finish())
+            raise
         over = detector.finish()
         yield from over
         if recorder is not None:

@@ -356,7 +356,7 @@ def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) 
 def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Path) -> None:
     """Both streams go to one terminal, as they do for who just types the command."""
     pyte = pytest.importorskip("pyte", reason="needs the extra dev")
-    store.enroll("wave", read_clip(waving, start=0.2, end=1.5))
+    store.enroll(":wave:", read_clip(waving, start=0.2, end=1.5))
     terminal, side = os.openpty()
     words = [sys.executable, "-m", "actioncli", "watch", str(waving), "--tau", "0"]
     screen = pyte.Screen(100, 40)
@@ -369,7 +369,9 @@ def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Pat
     os.close(terminal)
     assert watching.returncode == 0
     left = [line.strip() for line in screen.display if line.strip()]
-    assert re.fullmatch(r"\d+\.\d s  to +\d+\.\d s  wave  \(confidence [01]\.\d\d\)", left[0]), left
+    assert re.fullmatch(r"\d+\.\d s  to +\d+\.\d s  :wave:  \(confidence [01]\.\d\d\)", left[0]), (
+        left
+    )
     assert not any("frames/s" in line for line in left)  # the view is gone
 
 
