@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import stat
 import tempfile
 import time
@@ -23,7 +24,11 @@ from actioncli.pose.poses import Poses
 FORMAT = 2
 LARGEST = 256 * 2**20  # bytes; the poses of about 20 hours
 SUFFIX = ".npz"
-_UNFINISHED = ".part"
+# Says that the folder is the cache's: in any other one, nothing is written or deleted.
+MARK = ".actioncli-poses"
+# How the cache names its files, and those that it has not finished.
+_KEPT = re.compile(r"[0-9a-f]{64}\.npz")
+_UNFINISHED = re.compile(r"tmp\w{8}\.part")
 _LONGEST_WRITING = 3600.0  # seconds
 # What numpy and zipfile make of a file with flipped bits.
 _DAMAGED = (
@@ -83,11 +88,10 @@ def keep(key: str, poses: Poses) -> None:
         # The folder above holds the support set; `mode` is that of the last folder only.
         folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         folder.mkdir(exist_ok=True, mode=0o700)
-        if not _ours(folder):
+        if not (_ours(folder) and _marked(folder)):
             return
-        folder.chmod(0o700)  # skeletons and habits are nobody else's business
         # mkstemp gives mode 0600, which the file keeps.
-        handle, part = tempfile.mkstemp(dir=folder, suffix=_UNFINISHED)
+        handle, part = tempfile.mkstemp(dir=folder, suffix=".part")
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(_packed(poses))
@@ -125,12 +129,31 @@ def _ours(folder: Path) -> bool:
     return mine and stat.S_ISDIR(status.st_mode)
 
 
+def _marked(folder: Path) -> bool:
+    """Whether the cache made the folder; one that holds only what the cache made gets its mark.
+
+    Raises:
+        OSError: it cannot be looked at, or marked.
+    """
+    if (folder / MARK).is_file():
+        return True
+    names = [path.name for path in folder.iterdir()]
+    if not all(_KEPT.fullmatch(name) or _UNFINISHED.fullmatch(name) for name in names):
+        return False
+    folder.chmod(0o700)  # skeletons and habits are nobody else's business
+    (folder / MARK).touch(mode=0o600)
+    return True
+
+
 def _shrink(folder: Path) -> None:
-    for part in folder.glob("*" + _UNFINISHED):
+    files = []
+    for path in folder.iterdir():
+        status = path.lstat()
         # Who was killed could not take it away; who still writes is done long before.
-        if time.time() - part.stat().st_mtime > _LONGEST_WRITING:
-            part.unlink(missing_ok=True)
-    files = [(path.stat(), path) for path in folder.glob("*" + SUFFIX)]
+        if _UNFINISHED.fullmatch(path.name) and time.time() - status.st_mtime > _LONGEST_WRITING:
+            path.unlink(missing_ok=True)
+        if _KEPT.fullmatch(path.name):
+            files.append((status, path))
     files.sort(key=lambda entry: entry[0].st_mtime_ns)
     total = sum(status.st_size for status, _ in files)
     for status, path in files:
