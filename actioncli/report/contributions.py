@@ -220,7 +220,7 @@ def short(value: float) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{'−' if share < 0 else ''}{abs(share):.0%}"
+    return f"{'−' if round(share, 2) < 0 else ''}{abs(share):.0%}"
 
 
 def _signed(value: float) -> str:

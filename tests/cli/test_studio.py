@@ -108,8 +108,8 @@ def test_it_serves_until_it_is_ended_and_leaves_nothing(
     (file,) = home.glob("uploads/*/*")
     assert file.stat().st_mode & 0o777 == 0o600
     child.send_signal(number)
-    said, told = child.communicate(timeout=120)
-    assert (child.returncode, said, told) == (0, "", "Ctrl-C ends it.\n")
+    stdout, stderr = child.communicate(timeout=120)
+    assert (child.returncode, stdout, stderr) == (0, "", "Ctrl-C ends it.\n")
     assert not uploads(home)
     upload.close()
     assert not (home / "support.db").exists()
@@ -183,8 +183,8 @@ def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_pat
     address = line(child).strip()
     assert get(address, "/api/waiting")[0] == 200
     child.send_signal(signal.SIGINT)
-    said, _ = child.communicate(timeout=120)
-    assert (child.returncode, said) == (0, "nothing was changed\n")
+    stdout, _ = child.communicate(timeout=120)
+    assert (child.returncode, stdout) == (0, "nothing was changed\n")
     assert not uploads(home)
     assert invoke("review", folder, "--no-open").exit_code == 2
     assert invoke("review", tmp_path / "none", "--page", "--no-open").exit_code == 2
@@ -194,6 +194,6 @@ def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_pat
 def test_it_is_the_support_set_of_the_commands(start: Start, store: SupportStore) -> None:
     store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
     child = start("studio", "--no-open")
-    told = json.loads(get(line(child).strip(), "/api/state")[1])
-    assert told["store"] == str(store.path)
-    assert [action["label"] for action in told["actions"]] == ["squat"]
+    state = json.loads(get(line(child).strip(), "/api/state")[1])
+    assert state["store"] == str(store.path)
+    assert [action["label"] for action in state["actions"]] == ["squat"]

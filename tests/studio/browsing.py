@@ -55,7 +55,7 @@ def opened(browser: Browser, address: str, size: tuple[int, int] = DESKTOP) -> I
         yield page
         check(page)
         # A refusal is an answer like any other; only Chromium calls it an error.
-        unexpected = [told for told in problems if "the server responded with a status" not in told]
+        unexpected = [text for text in problems if "the server responded with a status" not in text]
         assert unexpected == []
         assert hosts - {""} == {urlsplit(address).netloc}
     finally:

@@ -1,4 +1,4 @@
-"""One studio for all tests, with an empty support set for each."""
+"""One studio for all tests here, with an empty support set for each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .browsing import CHROMIUM, FILM, OPTIONS, opened, write_film
 from .serving import Client, serving
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The folder of the support set, the cache and the uploads."""
     folder = tmp_path_factory.mktemp("home")
@@ -26,7 +26,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def served(home: Path) -> Iterator[tuple[Studio, str]]:
     """The studio, and its address."""
     uploads = UploadFolder()
@@ -53,7 +53,7 @@ def client(studio: Studio, served: tuple[Studio, str]) -> Client:
     return Client(served[1])
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """Chromium, whose camera shows a film where there is one, else a test picture."""
     if CHROMIUM is None:

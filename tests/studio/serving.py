@@ -68,9 +68,9 @@ class Client:
 
     def get(self, path: str) -> Any:
         """The document at a path that is there."""
-        status, told = self.ask("GET", path)
-        assert status == 200, told
-        return told
+        status, answer = self.ask("GET", path)
+        assert status == 200, answer
+        return answer
 
     def upload(self, file: Path, **options: object) -> tuple[int, Any]:
         """Send a file."""
@@ -80,9 +80,9 @@ class Client:
 
     def send(self, file: Path, **options: object) -> dict[str, Any]:
         """Send a file and wait until it has been read."""
-        status, told = self.upload(file, **options)
-        assert status == 202, told
-        return self.read(told["id"])
+        status, answer = self.upload(file, **options)
+        assert status == 202, answer
+        return self.read(answer["id"])
 
     def read(self, number: str) -> dict[str, Any]:
         """What has become of a clip that was sent."""
@@ -95,9 +95,9 @@ class Client:
         sent = self.send(file)
         assert sent["state"] == "ready", sent
         document = {"label": label, "negative": negative}
-        status, told = self.ask("POST", f"/api/clips/{sent['id']}/enroll", document)
-        assert status == 200, told
-        return told
+        status, answer = self.ask("POST", f"/api/clips/{sent['id']}/enroll", document)
+        assert status == 200, answer
+        return answer
 
 
 def until(done: Callable[[], object], seconds: float = 60) -> None:

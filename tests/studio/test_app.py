@@ -48,15 +48,15 @@ def test_enrolled_classified_and_rejected_as_the_commands_do(
     assert any("unit inferred" in note for note in first["notes"])
     client.enroll(SQUAT, "squat")
     client.enroll(WAVE, "wave")
-    known = client.send(EXAMPLES / "squat/ben.npz")["decision"]
-    assert (known["label"], known["accepted"]) == ("squat", True)
+    accepted = client.send(EXAMPLES / "squat/ben.npz")["decision"]
+    assert (accepted["label"], accepted["accepted"]) == ("squat", True)
     store = studio.support.store
     same = studio.support.recognizer.classify(
         read_clip(EXAMPLES / "squat/ben.npz"), store.support()
     )
-    assert known["confidence"] == pytest.approx(same.confidence, abs=1e-6)
-    unknown = client.send(EXAMPLES / "bow/ben.npz")["decision"]
-    assert (unknown["label"], unknown["accepted"]) == (None, False)
+    assert accepted["confidence"] == pytest.approx(same.confidence, abs=1e-6)
+    rejected = client.send(EXAMPLES / "bow/ben.npz")["decision"]
+    assert (rejected["label"], rejected["accepted"]) == (None, False)
     assert [e.source for e in store.examples("squat")] == ["ada.npz"]
     nothing_left(studio)
 
@@ -104,8 +104,8 @@ def test_removed_and_renamed(client: Client, studio: Studio) -> None:
     assert client.ask("DELETE", path, {"label": "squat"}) == (200, {"removed": 1})
     assert client.ask("GET", path)[0] == 404
     assert client.ask("PATCH", "/api/actions", {"label": "squat", "new": "sit"})[0] == 200
-    status, told = client.ask("PATCH", "/api/actions", {"label": "sit", "new": "wave"})
-    assert (status, "enrolled already" in told["error"]["message"]) == (400, True)
+    status, answer = client.ask("PATCH", "/api/actions", {"label": "sit", "new": "wave"})
+    assert (status, "enrolled already" in answer["error"]["message"]) == (400, True)
     assert client.ask("DELETE", "/api/actions", {"label": "wave"}) == (200, {"removed": 1})
     assert [action.label for action in studio.support.store.actions()] == ["sit"]
 
@@ -125,22 +125,22 @@ def test_false_accepts_and_rejects_over_tau(client: Client, studio: Studio) -> N
     assert client.get("/api/measurement") == {"state": "nothing"}
     for name, label in (("squat/ada", "squat"), ("squat/ben", "squat"), ("wave_right/ada", "wave")):
         client.enroll(EXAMPLES / f"{name}.npz", label)
-    told = client.get("/api/measurement")
-    while told["state"] == "measuring":
-        assert 0 <= told["share"] < 1
+    answer = client.get("/api/measurement")
+    while answer["state"] == "measuring":
+        assert 0 <= answer["share"] < 1
         time.sleep(0.05)
-        told = client.get("/api/measurement")
-    accepts = [rate["false_accepts"]["count"] for rate in told["rates"]]
-    rejects = [rate["false_rejects"]["count"] for rate in told["rates"]]
+        answer = client.get("/api/measurement")
+    accepts = [rate["false_accepts"]["count"] for rate in answer["rates"]]
+    rejects = [rate["false_rejects"]["count"] for rate in answer["rates"]]
     assert len(accepts) == 101
     assert accepts == sorted(accepts, reverse=True)
     assert rejects == sorted(rejects)
     assert (accepts[100], rejects[0], rejects[100]) == (0, 0, 2)
-    assert told["rates"][50]["false_rejects"]["of"] == 2
-    assert any("one example" in note for note in told["notes"])
+    assert answer["rates"][50]["false_rejects"]["of"] == 2
+    assert any("one example" in note for note in answer["notes"])
     # A threshold that is kept changes the store, and nothing that was measured.
     client.ask("PUT", "/api/tau", {"tau": 0.7})
-    assert client.get("/api/measurement") == told
+    assert client.get("/api/measurement") == answer
 
 
 def test_a_kept_tau_is_that_of_the_commands(client: Client, studio: Studio) -> None:
@@ -166,8 +166,8 @@ def test_options_of_reading_are_those_of_the_commands(client: Client, tmp_path: 
     sent = client.send(SQUAT, unit="m")
     assert sent["state"] == "ready"
     assert not any("unit" in note for note in sent["notes"])
-    status, told = client.upload(SQUAT, fps="fast")
-    assert (status, told["error"]["message"]) == (400, "fps must be a number, not 'fast'.")
+    status, answer = client.upload(SQUAT, fps="fast")
+    assert (status, answer["error"]["message"]) == (400, "fps must be a number, not 'fast'.")
     refused = client.send(SQUAT, start=1)
     assert refused["message"] == "ada.npz: --start means nothing for a file of joints."
 
@@ -177,9 +177,9 @@ def test_a_file_of_the_wrong_kind_is_refused_and_named(
 ) -> None:
     notes = tmp_path / "notes.txt"
     notes.write_text("no clip")
-    status, told = client.upload(notes)
+    status, answer = client.upload(notes)
     assert status == 422
-    assert told["error"]["message"].startswith("notes.txt: .txt is neither a video (.3gp")
+    assert answer["error"]["message"].startswith("notes.txt: .txt is neither a video (.3gp")
     assert client.upload(tmp_path / "notes.txt", name="wave")[0] == 422
     for name, content in (("film.mp4", b"no film"), ("clip.npz", b"no clip"), ("empty.webm", b"")):
         file = tmp_path / name
@@ -278,9 +278,9 @@ def test_a_bug_is_told_to_the_page(
         raise ZeroDivisionError("by zero")
 
     monkeypatch.setattr(studio.support, "state", broken)
-    status, told = client.ask("GET", "/api/state")
+    status, answer = client.ask("GET", "/api/state")
     assert status == 500
-    assert "ZeroDivisionError: by zero (this is a bug" in told["error"]["message"]
+    assert "ZeroDivisionError: by zero (this is a bug" in answer["error"]["message"]
 
 
 def test_a_full_disk_is_told(
@@ -290,8 +290,8 @@ def test_a_full_disk_is_told(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(studio.upload_folder, "file", full)
-    status, told = client.upload(SQUAT)
-    assert (status, told["error"]["message"]) == (
+    status, answer = client.upload(SQUAT)
+    assert (status, answer["error"]["message"]) == (
         400,
         "The upload cannot be kept: No space left on device.",
     )
@@ -304,7 +304,7 @@ def test_a_damaged_store_is_told(client: Client, studio: Studio) -> None:
     try:
         store.path.write_bytes(b"no database" * 1000)
         for path in ("/api/state", "/api/measurement", "/api/export"):
-            status, told = client.ask("GET", path)
-            assert (status, told["error"]["type"]) == (503, "StoreError")
+            status, answer = client.ask("GET", path)
+            assert (status, answer["error"]["type"]) == (503, "StoreError")
     finally:
         store.path.write_bytes(kept)

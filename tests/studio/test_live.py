@@ -43,16 +43,16 @@ def message(time: float, image: Any) -> bytes:
     return struct.pack("<d", time) + cv2.imencode(".jpg", small)[1].tobytes()
 
 
-def told(socket: ClientConnection) -> dict[str, Any]:
+def receive(socket: ClientConnection) -> dict[str, Any]:
     answer: dict[str, Any] = json.loads(socket.recv(timeout=120))
     return answer
 
 
 def test_nobody_in_the_picture(socket: ClientConnection) -> None:
-    bones = told(socket)["bones"]
+    bones = receive(socket)["bones"]
     assert {side for _, _, side in bones} == {"left", "right", "middle"}
     socket.send(message(0.0, np.full((240, 320, 3), 90, np.uint8)))
-    answer = told(socket)
+    answer = receive(socket)
     assert (answer["seen"], answer["whole"], answer["points"]) == (False, False, None)
     assert "ranking" not in answer  # nothing is enrolled
 
@@ -61,21 +61,21 @@ def test_the_tau_that_is_tried_and_the_support_set_are_followed(
     client: Client, studio: Studio, socket: ClientConnection
 ) -> None:
     client.enroll(EXAMPLES / "squat/ada.npz", "squat")
-    told(socket)
+    receive(socket)
     grey = np.full((240, 320, 3), 90, np.uint8)
     socket.send(message(0.0, grey))
-    assert told(socket)["tau"] == 0.5
+    assert receive(socket)["tau"] == 0.5
     socket.send(json.dumps({"tau": 0.8}))
     socket.send(message(1.0, grey))
-    answer = told(socket)
+    answer = receive(socket)
     assert (answer["tau"], answer["ranking"], answer["current"]) == (0.8, [], None)
     socket.send(json.dumps({"tau": None}))
     client.ask("PUT", "/api/tau", {"tau": 0.3})
     socket.send(message(2.0, grey))
-    assert told(socket)["tau"] == 0.3
+    assert receive(socket)["tau"] == 0.3
     studio.support.store.clear()
     socket.send(message(3.0, grey))
-    assert "ranking" not in told(socket)
+    assert "ranking" not in receive(socket)
 
 
 @pytest.mark.parametrize(
@@ -91,15 +91,15 @@ def test_the_tau_that_is_tried_and_the_support_set_are_followed(
     ],
 )
 def test_what_is_no_picture_ends_it(socket: ClientConnection, wrong: bytes | str, why: str) -> None:
-    told(socket)
+    receive(socket)
     socket.send(wrong)
-    assert why in told(socket)["error"]
+    assert why in receive(socket)["error"]
     with pytest.raises(ConnectionClosed):
         socket.recv(timeout=60)
 
 
 def test_a_message_beyond_all_measure_ends_it(socket: ClientConnection) -> None:
-    told(socket)
+    receive(socket)
     socket.send(bytes(5_000_000))
     with pytest.raises(ConnectionClosed):
         socket.recv(timeout=60)

@@ -15,6 +15,7 @@ from actioncli import SupportStore, read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.recognition.threshold import kept_threshold
 from actioncli.studio.app import Studio
+from actioncli.studio.server import Server
 
 from .browsing import FILM, PHONE, check, enroll, opened, send
 from .serving import EXAMPLES, Client, until
@@ -45,11 +46,13 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     enroll(tab, WAVE, "wave")
     expect(tab.get_by_role("article", name="squat", exact=True)).to_contain_text("2 examples")
     send(tab, OTHER_WAVE, EXAMPLES / "bow/ben.npz")
-    known = tab.get_by_role("article", name="Clip cleo.npz")
-    unknown = tab.get_by_role("article", name="Clip ben.npz")
-    expect(known.locator(".verdict")).to_contain_text("Recognised: wave (confidence 1.00 > τ 0.50)")
-    expect(known.get_by_text("nearest: wave")).to_be_visible()
-    expect(unknown.locator(".verdict")).to_contain_text("Rejected (nearest squat")
+    accepted = tab.get_by_role("article", name="Clip cleo.npz")
+    rejected = tab.get_by_role("article", name="Clip ben.npz")
+    expect(accepted.locator(".verdict")).to_contain_text(
+        "Recognised: wave (confidence 1.00 > τ 0.50)"
+    )
+    expect(accepted.get_by_text("nearest: wave")).to_be_visible()
+    expect(rejected.locator(".verdict")).to_contain_text("Rejected (nearest squat")
     check(tab)
 
     slider = tab.get_by_label("τ", exact=True)
@@ -61,7 +64,7 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     slider.fill("100")
     assert (count(tab, "false_accepts"), count(tab, "false_rejects")) == (0, 2)
     expect(slider).to_have_attribute("aria-valuetext", re.compile("false rejects 2 of 2"))
-    expect(known.locator(".verdict")).to_contain_text("Rejected (nearest wave")
+    expect(accepted.locator(".verdict")).to_contain_text("Rejected (nearest wave")
     slider.press("ArrowLeft")
     expect(tab.locator("#tau-said")).to_have_text("0.99")
     slider.fill("62")
@@ -74,10 +77,10 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     expect(tab.get_by_text("In use: 0.50")).to_be_visible()
     assert kept_threshold(studio.support.store) is None
 
-    unknown.get_by_role("button", name="Never accept").click()
+    rejected.get_by_role("button", name="Never accept").click()
     expect(tab.get_by_role("article", name="negatives")).to_contain_text("never accepted")
-    known.get_by_role("button", name="Discard").click()
-    expect(known).to_have_count(0)
+    accepted.get_by_role("button", name="Discard").click()
+    expect(accepted).to_have_count(0)
     expect(tab.locator("#uploads")).to_be_hidden()
     assert [(a.label, a.examples) for a in studio.support.store.actions()] == [
         ("negatives", 1),
@@ -198,6 +201,25 @@ def test_without_the_token_the_page_stays_empty(browser: Browser, client: Client
         expect(page).to_have_url(client.headers["Origin"] + "/")
 
 
+def test_the_file_that_a_browser_is_given_leads_to_the_page(
+    browser: Browser, studio: Studio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BROWSER", "any")
+    monkeypatch.setattr("webbrowser.open", lambda address: address.endswith("open.html"))
+    server = Server()
+    assert server.open(tmp_path)
+    thread = threading.Thread(target=server.run, args=(studio.app(),))
+    thread.start()
+    page = browser.new_page()
+    page.goto((tmp_path / "open.html").as_uri())
+    expect(page.get_by_text("Nothing is enrolled yet")).to_be_visible()
+    expect(page).to_have_url(f"http://127.0.0.1:{server.port}/")
+    page.close()
+    server.stop()
+    thread.join()
+    server.close()
+
+
 def test_another_server_of_this_machine_never_sees_the_token(
     browser: Browser, client: Client, studio: Studio
 ) -> None:
@@ -283,9 +305,9 @@ def test_recorded_from_the_camera_and_tested_live(tab: Page, studio: Studio) -> 
         expect(row.locator("td").last).to_have_text(re.compile(r"0\.[5-9]\d|1\.00"))
         expect(tab.locator("#verdict")).to_have_text("jumping jack")
     except AssertionError:
-        told = re.search(r"([\d.]+) pictures/s", tab.locator("#view").inner_text())
-        if told and float(told[1]) < 5:
-            pytest.skip(f"this machine looks at {told[1]} pictures a second, too few to follow")
+        found = re.search(r"([\d.]+) pictures/s", tab.locator("#view").inner_text())
+        if found and float(found[1]) < 5:
+            pytest.skip(f"this machine looks at {found[1]} pictures a second, too few to follow")
         raise
     check(tab)
     tab.get_by_role("button", name="Stop the camera").click()
@@ -310,15 +332,15 @@ def test_all_by_keyboard(tab: Page, studio: Studio) -> None:
     reached = []
     for _ in range(40):
         tab.keyboard.press("Tab")
-        told = tab.evaluate(
+        found = tab.evaluate(
             "(() => { const e = document.activeElement; const shown = e.id === 'files' ?"
             " e.nextElementSibling : e; const style = getComputedStyle(shown); return [e.tagName,"
             " e.id || e.getAttribute('aria-label') || e.textContent.trim(),"
             " style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) > 0]; })()"
         )
-        if told[0] == "BODY":
+        if found[0] == "BODY":
             break
-        reached.append(told)
+        reached.append(found)
     assert [name for _, name, seen in reached if not seen] == []
     names = {name for _, name, _ in reached}
     assert {"camera-switch", "files", "tau", "keep", "Rename squat", "Delete squat"} <= names

@@ -51,8 +51,8 @@ def test_enrolled_made_a_negative_and_deleted(review: tuple[Review, Client], fol
     shown = client.get(first)
     assert shown["figure"]["joints"] == shown["example"]["joints"]
     assert client.get(second)["example"] is None
-    status, told = client.ask("POST", first, {"decision": "enroll", "label": "squat"})
-    assert (status, told) == (200, {"warnings": []})
+    status, answer = client.ask("POST", first, {"decision": "enroll", "label": "squat"})
+    assert (status, answer) == (200, {"warnings": []})
     assert client.ask("POST", second, {"decision": "negative"})[0] == 200
     assert client.ask("POST", third, {"decision": "delete"})[0] == 200
     assert client.ask("POST", third, {"decision": "delete"})[0] == 404
