@@ -7,6 +7,7 @@ import contextlib
 import json
 import math
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,6 +48,17 @@ def user_folder(kind: Literal["data", "cache"]) -> Path:
     if not found.is_absolute():
         raise NoHomeError(f"This user has no home folder: let {HOME_VARIABLE} name a folder.")
     return found
+
+
+def is_own_folder(folder: Path) -> bool:
+    """Whether it is a folder that no other user laid there, nor a link to some other place.
+
+    Raises:
+        OSError: there is none.
+    """
+    status = folder.lstat()
+    mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
+    return mine and stat.S_ISDIR(status.st_mode)
 
 
 def weights_folder() -> Path:

@@ -8,7 +8,6 @@ import io
 import json
 import os
 import re
-import stat
 import tempfile
 import time
 import zipfile
@@ -17,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli.files import user_folder
+from actioncli.files import is_own_folder, user_folder
 from actioncli.pose.poses import Poses
 
 # Changes when what is stored changes its meaning.
@@ -59,7 +58,7 @@ def load(key: str) -> Poses | None:
     try:
         folder = cache_folder()
         path = folder / (key + SUFFIX)
-        if not _ours(folder):
+        if not is_own_folder(folder):
             return None
         # numpy leaves a file open that it cannot read; this one is closed.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
@@ -88,7 +87,7 @@ def keep(key: str, poses: Poses) -> None:
         # The folder above holds the support set; `mode` is that of the last folder only.
         folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         folder.mkdir(exist_ok=True, mode=0o700)
-        if not (_ours(folder) and _marked(folder)):
+        if not (is_own_folder(folder) and _marked(folder)):
             return
         # mkstemp gives mode 0600, which the file keeps.
         handle, part = tempfile.mkstemp(dir=folder, suffix=".part")
@@ -116,17 +115,6 @@ def _packed(poses: Poses) -> memoryview:
         notes=np.array(poses.notes, dtype=np.str_),
     )
     return whole.getbuffer()
-
-
-def _ours(folder: Path) -> bool:
-    """Whether it is a folder that no other user laid there, nor a link to some other place.
-
-    Raises:
-        OSError: there is none.
-    """
-    status = folder.lstat()
-    mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
-    return mine and stat.S_ISDIR(status.st_mode)
 
 
 def _marked(folder: Path) -> bool:

@@ -14,14 +14,14 @@ from pathlib import Path
 from starlette.requests import Request
 
 from actioncli.errors import UsageError
-from actioncli.files import NoHomeError, user_folder
+from actioncli.files import NoHomeError, is_own_folder, user_folder
 from actioncli.studio import sweeper
 from actioncli.studio.sweeper import delete_uploads
 
 # A folder that is older was left by a machine that lost power; no page is used for so long.
 _OLD_SECONDS = 7 * 24 * 3600
 # Only a folder that holds this file with these bytes is used, and swept.
-MARK, _MARK_CONTENT = "actioncli-uploads", b"actioncli: uploads lie here and are deleted\n"
+MARK, _MARK_CONTENT = ".actioncli-uploads", b"actioncli: uploads lie here and are deleted\n"
 _RANDOM_NAME = re.compile("[0-9a-f]{32}")
 
 
@@ -139,7 +139,7 @@ def _claim(base: Path) -> None:
             (made / MARK).unlink()
             made.rmdir()
     marked = mark.is_file() and mark.read_bytes() == _MARK_CONTENT
-    if base.is_symlink() or mark.is_symlink() or not marked:
+    if not is_own_folder(base) or mark.is_symlink() or not marked:
         raise UsageError(
             f"{base}: uploads lie in a folder of this name, and something else is there; move it."
         )

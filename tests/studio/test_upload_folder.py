@@ -87,3 +87,11 @@ def test_links_are_refused_and_an_empty_folder_is_used(cache: Path, tmp_path: Pa
     (cache / "uploads" / MARK).symlink_to(cache / "elsewhere" / MARK)
     with pytest.raises(UsageError, match="move it"):
         UploadFolder()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs users with numbers")
+def test_a_folder_of_another_user_is_refused(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    open_and_close()
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    with pytest.raises(UsageError, match="move it"):
+        UploadFolder()
