@@ -207,6 +207,7 @@ def _explain(
     """
     from actioncli.clips.edit import cut
     from actioncli.recognition.explanation import explain
+    from actioncli.report.contributions import Explained
     from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
 
     recognizer = support.recognizer
@@ -223,7 +224,8 @@ def _explain(
             )
             for example in shown
         ]
-    write_explanation(page, clip, decision, neighbours, found, recognizer.weights.trx_os)
+    case = Explained(clip, decision, found, recognizer.weights.trx_os)
+    write_explanation(page, case, neighbours)
     settings.tell(f"explained in {printable(page)}")
 
 

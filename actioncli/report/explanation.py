@@ -11,7 +11,6 @@ from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import prepared_at
 from actioncli.errors import UsageError
 from actioncli.files import replacing
-from actioncli.model.config import ModelConfig
 from actioncli.recognition.decision import Decision
 from actioncli.recognition.explanation import Explanation
 from actioncli.report.contributions import Explained, attention, contributions, short
@@ -44,33 +43,23 @@ def check_page(path: Path) -> None:
         raise UsageError(f"{path}: its folder does not exist.")
 
 
-def write_explanation(
-    path: Path,
-    query: Clip,
-    decision: Decision,
-    neighbours: Sequence[Neighbour],
-    explanation: Explanation,
-    config: ModelConfig,
-) -> None:
+def write_explanation(path: Path, case: Explained, neighbours: Sequence[Neighbour]) -> None:
     """Write the page.
 
     Args:
         path: of the page.
-        query: the clip that was classified.
-        decision: what came of it.
-        neighbours: the nearest actions, nearest first; the first with the example that
-            `explanation` names.
-        explanation: of the distance to the nearest action.
-        config: of the model.
+        case: what is explained.
+        neighbours: the nearest actions, nearest first; the first with the example that the
+            explanation names.
 
     Raises:
         UsageError: as `check_page`, or the page cannot be written.
     """
     check_page(path)
     stage = Stage()
-    case = Explained(query, decision, explanation, config)
     body = "\n".join(_sections(case, neighbours, stage))
-    title = f"{'Accepted' if decision.accepted else 'Rejected'}: {Path(query.source).name}"
+    verdict = "Accepted" if case.decision.accepted else "Rejected"
+    title = f"{verdict}: {Path(case.query.source).name}"
     try:
         with replacing(path) as part:
             part.write_text(page(title, body, stage.figures), encoding="utf-8")

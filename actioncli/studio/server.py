@@ -41,16 +41,12 @@ class Server:
         Raises:
             UsageError: it cannot be had.
         """
-        self._socket = socket.socket()
         try:
-            if os.name == "posix":  # on Windows, it would let others take the port as well
-                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._socket.bind(("127.0.0.1", port))
             # From here on who connects waits until `run` answers.
-            self._socket.listen()
+            self._socket = socket.create_server(("127.0.0.1", port))
         except (OSError, OverflowError) as error:
-            self._socket.close()
-            reason = error.strerror if isinstance(error, OSError) else "there is no such port"
+            number = error.errno if isinstance(error, OSError) else None
+            reason = os.strerror(number) if number else "there is no such port"
             raise UsageError(
                 f"--port {port}: cannot be used ({reason}); 0 takes any that is free."
             ) from error
