@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from actioncli.training.loop import Progress
 
-RECIPES = ("parts", "paper")
+RECIPES = ("default", "parts", "paper")
 # Seconds between progress lines where standard error is a file.
 _LOG_SECONDS = 30.0
 
@@ -36,8 +36,11 @@ def train(
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the weights go.")],
     recipe: Annotated[
-        str, typer.Option(metavar="NAME", help="parts; or paper: TRX-OS as published.")
-    ] = "parts",
+        str,
+        typer.Option(
+            metavar="NAME", help="default; paper: TRX-OS as published; or parts, an experiment."
+        ),
+    ] = "default",
     splits: Annotated[
         Path | None,
         typer.Option(
@@ -79,7 +82,7 @@ def train(
     from actioncli.clips.collection import read_collection
     from actioncli.evaluation.splits import read_splits
     from actioncli.model.weights import read_weights
-    from actioncli.training import loop, paper, parts_loop
+    from actioncli.training import default, loop, paper, parts_loop
     from actioncli.training.data import hold_out, training_set
 
     if recipe not in RECIPES:
@@ -100,11 +103,13 @@ def train(
     )
     begun = time.monotonic()
     given = (data, held, seed, [collection.name for collection in read], device)
-    run: loop.Run[Any] = (
-        parts_loop.PartsRun(parts_loop.PartsRecipe(), *given)
-        if recipe == "parts"
-        else paper.PaperRun(paper.PaperRecipe(), *given)
-    )
+    run: loop.Run[Any]
+    if recipe == "default":
+        run = default.DefaultRun(default.DefaultRecipe(), *given)
+    elif recipe == "parts":
+        run = parts_loop.PartsRun(parts_loop.PartsRecipe(), *given)
+    else:
+        run = paper.PaperRun(paper.PaperRecipe(), *given)
     with _reports(settings) as report:
         loop.train(run, out, report)
     weights, steps = read_weights(out), run.recipe.steps

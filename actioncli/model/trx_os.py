@@ -160,11 +160,14 @@ def pair_indices(tokens: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(first.tolist()), tuple(second.tolist())
 
 
-def pairs(params: Params, config: ModelConfig, projected: Array) -> tuple[Array, Array]:
+def pairs(
+    params: Params, config: ModelConfig, projected: Array, chosen: Array | None = None
+) -> tuple[Array, Array]:
     """Keys Υ (layer-normalised; queries use the same map) and values Λ of pairs of tokens.
 
     Args:
         projected: (N, F, 4·W) from `project`; further columns are ignored.
+        chosen: numbers of the pairs to form; all P without it.
 
     Returns:
         keys (N, P, W) and values (N, P, W).
@@ -174,6 +177,8 @@ def pairs(params: Params, config: ModelConfig, projected: Array) -> tuple[Array,
     first, second = (
         xp.asarray(index, device=projected.device) for index in pair_indices(config.tokens)
     )
+    if chosen is not None:
+        first, second = first[chosen], second[chosen]
 
     def of_pairs(at: int) -> Array:
         return xp.take(projected[..., at : at + w], first, axis=1) + xp.take(

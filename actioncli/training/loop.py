@@ -120,7 +120,7 @@ class Run(ABC, Generic[R]):
         return sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
     def start(
-        self, shapes: Mapping[str, tuple[int, ...]], constants: Mapping[str, float]
+        self, shapes: Mapping[str, tuple[int, ...]], constants: Mapping[str, Any]
     ) -> TrainingState:
         """Uniform in ±1/√(inputs of the layer), norms at one: PyTorch's usual start.
 

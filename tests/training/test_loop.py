@@ -12,18 +12,22 @@ import pytest
 
 from actioncli.errors import UsageError, WeightsError
 from actioncli.model.weights import read_weights
+from actioncli.recognition.recognizer import Recognizer
 from actioncli.training import loop
 from actioncli.training.data import TrainingSet, hold_out
-from actioncli.training.loop import Progress
+from actioncli.training.default import DefaultRecipe, DefaultRun
+from actioncli.training.loop import Progress, Recipe
 from actioncli.training.paper import PaperRecipe, PaperRun
 from tests.forking import files_up_to
 
 SHORT = PaperRecipe(steps=6, batch=1, ways=3, validate_every=2)
+MANY_WAYS = DefaultRecipe(steps=6, ways=5, validate_every=2)
 
 
 def run(world: TrainingSet, out: Path, recipe=SHORT, report=lambda _: None) -> Path:  # type: ignore[no-untyped-def]
     data, held = hold_out(world, 0)
-    return loop.train(PaperRun(recipe, data, held, 0, ["world"]), out, report)
+    runs = {PaperRecipe: PaperRun, DefaultRecipe: DefaultRun}
+    return loop.train(runs[type(recipe)](recipe, data, held, 0, ["world"]), out, report)
 
 
 def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
@@ -38,21 +42,33 @@ def test_it_learns(world: TrainingSet, tmp_path: Path) -> None:
     assert weights.metadata["validation"]["closed_accuracy"] > 0.5
 
 
+def test_default_weights_hold_all_that_inference_needs(world: TrainingSet, tmp_path: Path) -> None:
+    weights = read_weights(run(world, tmp_path / "w.safetensors", MANY_WAYS))
+    recognizer = Recognizer(weights)
+    assert len(recognizer.cohort) == weights.tensors["cohort"].shape[0] > 10
+    again = [clip for clip, label in zip(world.clips, world.labels, strict=True) if label < 3]
+    support = {str(action): [again[6 * action]] for action in range(3)}
+    comparison = recognizer.compare(again, support)
+    nearest = comparison.labels[comparison.distance.argmin(axis=1)].astype(int)
+    assert (nearest == np.repeat(range(3), 6)).mean() > 0.9
+
+
 @pytest.mark.parametrize("stop_at", [1, 3, 4])
+@pytest.mark.parametrize("recipe", [SHORT, MANY_WAYS], ids=["paper", "default"])
 def test_a_resumed_run_ends_like_an_uninterrupted_one(
-    world: TrainingSet, tmp_path: Path, stop_at: int
+    world: TrainingSet, tmp_path: Path, stop_at: int, recipe: Recipe
 ) -> None:
     def stop(now: Progress) -> None:
         if now.step == stop_at:
             raise KeyboardInterrupt
 
-    whole = run(world, tmp_path / "whole.safetensors")
+    whole = run(world, tmp_path / "whole.safetensors", recipe)
     out = tmp_path / "resumed.safetensors"
     with pytest.raises(KeyboardInterrupt):
-        run(world, out, report=stop)
+        run(world, out, recipe, stop)
     assert not out.exists()
     steps: list[int] = []
-    run(world, out, report=lambda now: steps.append(now.step))
+    run(world, out, recipe, lambda now: steps.append(now.step))
     assert steps[0] == stop_at + 1
     assert read_weights(out).checksum == read_weights(whole).checksum
     assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, whole.name]
