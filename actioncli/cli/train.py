@@ -37,9 +37,7 @@ def train(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the weights go.")],
     recipe: Annotated[
         str,
-        typer.Option(
-            metavar="NAME", help="default; paper: TRX-OS as published; or parts, an experiment."
-        ),
+        typer.Option(metavar="NAME", help="default, paper (TRX-OS as published), or parts (new)."),
     ] = "default",
     splits: Annotated[
         Path | None,
