@@ -118,10 +118,7 @@ class DefaultRun(Run[DefaultRecipe]):
         figures = self._validation.figures(
             Weights(plain, arrays(state.params), {}, f"step-{state.step}", Path())
         )
-        state.history.append({"step": state.step, **asdict(figures)})
-        if figures.score > state.score:
-            state.score = figures.score
-            state.best = {name: tensor.detach().clone() for name, tensor in state.params.items()}
+        self.keep_best(state, asdict(figures))
 
     def result(self, state: TrainingState) -> tuple[dict[str, Any], dict[str, Any]]:
         """The weights that did best, with warp components, cohort and score."""

@@ -146,6 +146,14 @@ class Run(ABC, Generic[R]):
         best = {name: tensor.detach().clone() for name, tensor in params.items()}
         return TrainingState(0, params, new_optimizer(params), best, -math.inf, [])
 
+    @staticmethod
+    def keep_best(state: TrainingState, figures: dict[str, float]) -> None:
+        """Note the figures of a step, and keep its weights if `score` is the best so far."""
+        state.history.append({"step": state.step, **figures})
+        if figures["score"] > state.score:
+            state.score = figures["score"]
+            state.best = {name: tensor.detach().clone() for name, tensor in state.params.items()}
+
     @abstractmethod
     def prepare(self) -> TrainingState:
         """Prepare all clips once, and give the state before the first step.

@@ -74,10 +74,7 @@ class PaperRun(Run[PaperRecipe]):
         """Keep the weights if they are the best so far."""
         now = Weights(self.recipe.config, arrays(state.params), {}, f"step-{state.step}", Path())
         figures = self._validation.figures(now)
-        state.history.append({"step": state.step, **asdict(figures)})
-        if figures.score > state.score:
-            state.score = figures.score
-            state.best = {name: tensor.detach().clone() for name, tensor in state.params.items()}
+        self.keep_best(state, asdict(figures))
 
     def result(self, state: TrainingState) -> tuple[dict[str, Any], dict[str, Any]]:
         """The weights that did best."""
