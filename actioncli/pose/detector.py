@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.pose.networks import DETECTOR, Network, sigmoid
-from actioncli.pose.region import Image, Region
+from actioncli.pose.estimator import Estimator
+from actioncli.pose.networks import DETECTOR, sigmoid
+from actioncli.pose.region import Region
 
 SIDE = 224
 # Feature maps (side, anchors a cell); an anchor is no more than the centre of its cell.
@@ -36,8 +37,11 @@ def anchor_centres() -> FloatArray:
     return np.concatenate(maps).astype(np.float32)
 
 
-class PersonDetector:
-    """BlazePose's detector, made for people whose head and hips are in view."""
+class PersonDetector(Estimator[list[Detection]]):
+    """BlazePose's detector, made for people whose head and hips are in view; the surest first."""
+
+    side, border = SIDE, cv2.BORDER_CONSTANT
+    low = -1.0
 
     def __init__(self, threads: int | None = None) -> None:
         """Load the network.
@@ -45,26 +49,17 @@ class PersonDetector:
         Raises:
             WeightsError: see `Network`.
         """
-        self._network = Network(DETECTOR, threads)
+        super().__init__(DETECTOR, threads)
         self._anchors = anchor_centres()
 
-    @property
-    def checksum(self) -> str:
-        """SHA-256 of the network."""
-        return self._network.checksum
-
-    def __call__(self, image: Image) -> list[Detection]:
-        """Find people in a BGR image (H, W, 3); the surest first."""
-        height, width = image.shape[:2]
-        square = Region(width / 2, height / 2, max(width, height))
-        pixels = cv2.cvtColor(square.crop(image, SIDE, cv2.BORDER_CONSTANT), cv2.COLOR_BGR2RGB)
-        output = self._network(pixels * np.float32(2 / 255) - np.float32(1))
+    def postprocess(self, output: dict[str, FloatArray], region: Region) -> list[Detection]:
+        """See `Estimator`."""
         scores = sigmoid(output["scores"][0, :, 0])
         likely = scores > LEAST_SCORE
         boxes, points = decode(output["boxes"][0, likely], self._anchors[likely])
         found = []
         for score, keypoints in weighted_suppression(scores[likely], boxes, points):
-            centre, scale = square.to_image(keypoints[:2])
+            centre, scale = region.to_image(keypoints[:2])
             found.append(Detection(score, Region.around(centre, scale)))
         return found
 

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.pose.networks import LANDMARKS, Network, sigmoid
-from actioncli.pose.region import Image, Region
+from actioncli.pose.estimator import Estimator
+from actioncli.pose.networks import LANDMARKS, sigmoid
+from actioncli.pose.region import Region
 
 SIDE = 256
 LANDMARK_COUNT = 33
@@ -39,8 +40,10 @@ class Body:
     world: FloatArray
 
 
-class LandmarkEstimator:
+class LandmarkEstimator(Estimator[Body]):
     """BlazePose's landmark network, "full" (`fast`) or "heavy" (`accurate`)."""
+
+    side, border = SIDE, cv2.BORDER_REPLICATE
 
     def __init__(self, quality: str, threads: int | None = None) -> None:
         """Load the network.
@@ -48,17 +51,10 @@ class LandmarkEstimator:
         Raises:
             WeightsError: see `Network`.
         """
-        self._network = Network(LANDMARKS[quality], threads)
+        super().__init__(LANDMARKS[quality], threads)
 
-    @property
-    def checksum(self) -> str:
-        """SHA-256 of the network."""
-        return self._network.checksum
-
-    def __call__(self, image: Image, region: Region) -> Body:
-        """Estimate the body in a region of a BGR image (H, W, 3)."""
-        pixels = cv2.cvtColor(region.crop(image, SIDE, cv2.BORDER_REPLICATE), cv2.COLOR_BGR2RGB)
-        output = self._network(pixels * np.float32(1 / 255))
+    def postprocess(self, output: dict[str, FloatArray], region: Region) -> Body:
+        """The body, whatever the region shows; see `Body.presence`."""
         rows = output["landmarks"].reshape(ALL_POINTS, 5)  # x, y, z, visibility, presence
         points = refine(rows[:, :2] / np.float32(SIDE), output["heatmap"][0])
         world = output["world"].reshape(ALL_POINTS, 3)[:LANDMARK_COUNT].copy()
