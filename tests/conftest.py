@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,6 +12,12 @@ from hypothesis import Phase, settings
 
 # Training needs the extra `train`; all else is tested without it too.
 collect_ignore = [] if find_spec("torch") else ["training"]
+
+# Who starts the tests in the background of a script, or under nohup, has them ignore these signals,
+# and all that they start would.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # How long an example takes says how busy the machine is; time is measured by the benchmarks.
 settings.register_profile("untimed", deadline=None, max_examples=cases())

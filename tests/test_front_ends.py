@@ -83,7 +83,7 @@ def test_all_front_ends_answer_alike(
     assert of(by_library) == of(wanted)
 
     studio = pytest.importorskip("actioncli.studio.support", reason="needs the extra studio")
-    assert of(studio.SharedSupport(store.path).classify(clip, whole=False)) == of(wanted)
+    assert of(studio.SharedSupport(store.path).loaded().classify(clip)) == of(wanted)
 
     batch = pytest.importorskip("actioncli.archives.batch", reason="needs the extra ray")
     row = batch.Stage(batch.Task(support)).row(str(query))

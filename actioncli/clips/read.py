@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from actioncli.clips import axes
 from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import fill_gaps
@@ -70,7 +72,9 @@ def read_clip(
         unit=recording.unit if unit is None else str(unit),
         up=up or recording.up,
     )
-    return _decide(stated, str(path), unit_is_certain=unit is not None)
+    # A signalling NaN is a gap like any other.
+    with np.errstate(invalid="ignore"):
+        return _decide(stated, str(path), unit_is_certain=unit is not None)
 
 
 def find_clips(
