@@ -73,6 +73,8 @@ class DefaultRun(Run[DefaultRecipe]):
     def prepare(self) -> TrainingState:
         """See `Run`."""
         recipe = self.recipe
+        if self.device != "cpu":
+            raise UsageError(f"recipe {recipe.name} is trained on the CPU; leave --device out.")
         if len(self.data.members) <= recipe.ways // 4:
             raise UsageError(
                 f"recipe {recipe.name} needs more than {recipe.ways // 4} classes to train on; the "

@@ -25,8 +25,8 @@ COHORT = 256
 _ELSEWHERE, _DEPTH = 0.5, 0.8
 
 # Weights of (-log T, -log warping cost, log radius, discriminator's logit) in the score, and its
-# bias, with T in units of the median T within the cohort. `tools/fit_score.py` fits them on actions
-# that its models have not seen; the classes that one run holds out are too few.
+# bias, with T in units of the median T within the cohort. They were fitted on actions
+# that their models had not seen; the classes that one run holds out are too few.
 _SCORE = (0.75, 3.77, 4.58, 0.20)
 _SCORE_BIAS = -0.55
 

@@ -146,6 +146,12 @@ def test_a_run_outlasts_a_full_disk(
     assert read_weights(out).checksum == read_weights(whole).checksum
 
 
+def test_the_default_recipe_is_trained_on_the_cpu(world: TrainingSet, tmp_path: Path) -> None:
+    data, held = hold_out(world, 0)
+    with pytest.raises(UsageError, match="leave --device out"):
+        loop.train(DefaultRun(MANY_WAYS, data, held, 0, [], "meta"), tmp_path / "w")
+
+
 def test_too_few_classes_are_told(world: TrainingSet, tmp_path: Path) -> None:
     few = world.of_classes([0, 1, 2])
     _, held = hold_out(world, 0)
