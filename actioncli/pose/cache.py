@@ -25,6 +25,7 @@ LARGEST = 256 * 2**20  # bytes; the poses of about 20 hours
 SUFFIX = ".npz"
 # Says that the folder is the cache's: in any other one, nothing is written or deleted.
 MARK = ".actioncli-poses"
+_MARK_CONTENT = b"This folder belongs to actioncli, which deletes its poses as it fills up.\n"
 # How the cache names its files, and those that it has not finished.
 _KEPT = re.compile(r"[0-9a-f]{64}\.npz")
 _UNFINISHED = re.compile(r"tmp\w{8}\.part")
@@ -123,13 +124,13 @@ def _marked(folder: Path) -> bool:
     Raises:
         OSError: it cannot be looked at, or marked.
     """
-    if (folder / MARK).is_file():
-        return True
+    mark = folder / MARK
+    if os.path.lexists(mark):
+        return not mark.is_symlink() and mark.read_bytes() == _MARK_CONTENT
     names = [path.name for path in folder.iterdir()]
     if not all(_KEPT.fullmatch(name) or _UNFINISHED.fullmatch(name) for name in names):
         return False
-    folder.chmod(0o700)  # skeletons and habits are nobody else's business
-    (folder / MARK).touch(mode=0o600)
+    mark.write_bytes(_MARK_CONTENT)
     return True
 
 

@@ -114,6 +114,9 @@ def test_a_folder_of_the_users_is_left_alone(monkeypatch: pytest.MonkeyPatch) ->
         (folder / name).write_bytes(b"mine" * 100)
         os.utime(folder / name, (1, 1))
     cache.keep(KEY["a"], poses())
+    assert kept() == {"holiday.npz", "old.part", 64 * "f" + ".npz"}
+    (folder / cache.MARK).touch()  # what only looks like the mark
+    cache.keep(KEY["a"], poses())
     assert len(kept()) == 3
     assert folder.stat().st_mode & 0o777 == 0o755
 
@@ -136,3 +139,12 @@ def test_a_cache_of_an_earlier_release_is_adopted() -> None:
     cache.keep(KEY["b"], poses())
     assert (folder / cache.MARK).is_file()
     assert cache.load(KEY["a"]) is not None
+
+
+def test_an_empty_folder_keeps_its_mode() -> None:
+    folder = cache.cache_folder()
+    folder.mkdir(parents=True)
+    folder.chmod(0o755)
+    cache.keep(KEY["a"], poses())
+    assert folder.stat().st_mode & 0o777 == 0o755
+    assert (folder / f"{KEY['a']}.npz").stat().st_mode & 0o777 == 0o600
