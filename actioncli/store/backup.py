@@ -49,6 +49,8 @@ def changing(path: Path, erases: bool = False) -> Iterator[sqlite3.Connection]:
     Raises:
         StoreError: as `writing`, or the copy cannot be deleted.
     """
+    if is_lost(path):
+        raise StoreError(lost_store(path))
     with writing(path) as db:
         before = db.total_changes
         yield db
@@ -68,6 +70,27 @@ def changing(path: Path, erases: bool = False) -> Iterator[sqlite3.Connection]:
         if not _waiting:
             atexit.register(finish_backups)
         _waiting.add(path)
+
+
+def is_lost(path: Path) -> bool:
+    """Whether a store's file is gone or empty, and its copy is not.
+
+    Raises:
+        StoreError: something else has the store's name.
+    """
+    copy = backup_path(path)
+    with suppress(OSError):  # what may not be looked at is told by who opens it
+        empty = not exists(path) or not path.stat().st_size
+        return empty and copy.is_file() and not copy.is_symlink() and copy.stat().st_size > 0
+    return False
+
+
+def lost_store(path: Path) -> str:
+    """What to say of a store whose file is gone or empty, beside its copy."""
+    return (
+        f"{path} is gone or empty, but its copy {backup_path(path)} is there: `actioncli doctor "
+        "--repair` brings it back; or delete the copy, to begin anew."
+    )
 
 
 def finish_backups() -> None:

@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from actioncli.errors import ActionCliError, StoreError
-from actioncli.store.backup import backup_path, make_backup
+from actioncli.store.backup import backup_path, is_lost, make_backup
 from actioncli.store.database import LONGEST_ROW, writing
 from actioncli.store.examples import insert_as, read_record
 from actioncli.store.faults import system_fault
 from actioncli.store.health import damage
-from actioncli.store.location import beside, exists, sync_folder
+from actioncli.store.location import beside, exists, prepare, sync_folder
 from actioncli.store.migrations import MIGRATIONS, is_as_made
 from actioncli.store.names import check_label
 from actioncli.store.record import COLUMNS, Record, find_flaw
@@ -90,7 +90,10 @@ def repair(path: Path) -> Repair | None:
         StoreError: another process uses it, it is no support set, or one of a newer release, or
             there is no room for a second one.
     """
-    if not exists(path):
+    lost = is_lost(path)
+    if lost:
+        prepare(path)
+    elif not exists(path):
         return None
     try:
         with _alone(path) as file, _workshop(path) as folder:
@@ -100,7 +103,7 @@ def repair(path: Path) -> Repair | None:
             if journal.is_file():
                 shutil.copyfile(journal, _journal(copy))
             # Reading it plays back its journal, as reading the store itself would.
-            if not damage(copy):
+            if not lost and not damage(copy):
                 return None
             whole = folder / "whole.db"
             done = _rebuild(copy, whole, path)

@@ -341,9 +341,11 @@ class SupportStore:
         Looks at the database's structure, every example's content and checksum, the cached
         embeddings, and who may read the file.
         """
+        from actioncli.store.backup import is_lost, lost_store
         from actioncli.store.health import problems
 
-        return problems(self.path)
+        found = problems(self.path)
+        return found or ([lost_store(self.path)] if is_lost(self.path) else [])
 
     def damage(self) -> list[str]:
         """What is wrong with the content of the store, a line for each problem."""

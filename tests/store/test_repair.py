@@ -452,3 +452,22 @@ def test_a_damaged_store_of_the_first_schema_is_salvaged(tmp_path: Path) -> None
     for number in done.labels:
         assert same(store.clip(number), clips[number])
     assert store.check() == []
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_a_store_that_is_gone_comes_back_from_its_copy(store: SupportStore, gone: bool) -> None:
+    store.enroll_all([("wave", make_clip(seed)) for seed in range(3)])
+    whole = backup_path(store.path).read_bytes()
+    if gone:
+        store.path.unlink()
+    else:
+        store.path.write_bytes(b"")
+    assert any("doctor --repair" in problem for problem in store.check())
+    with pytest.raises(StoreError, match="brings it back"):
+        store.enroll("hop", make_clip(9))
+    assert backup_path(store.path).read_bytes() == whole
+    done = store.repair()
+    assert done is not None
+    assert done.labels == {1: "wave", 2: "wave", 3: "wave"}
+    assert store.check() == []
+    store.enroll("hop", make_clip(9))
