@@ -124,7 +124,7 @@ def output_lock(output: Path, command: str, error: type[ActionCliError]) -> Iter
     """Keep other runs of a command from writing the same output, by a lock on `OUTPUT.lock`.
 
     The lock ends with the process that holds it, however that ends. Needs filelock, which the
-    extras `train` and `ray` bring.
+    extra `train` brings.
 
     Args:
         output: what is written.

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from actioncli import Clip, Recognizer, SupportSet, SupportStore, enrol, read_clip
+from actioncli.archives.batch import Task
 from actioncli.recognition.decision import Decision
 from actioncli.recognition.threshold import Threshold, keep_threshold
 
@@ -85,8 +86,7 @@ def test_all_front_ends_answer_alike(
     studio = pytest.importorskip("actioncli.studio.support", reason="needs the extra studio")
     assert of(studio.SharedSupport(store.path).loaded().classify(clip)) == of(wanted)
 
-    batch = pytest.importorskip("actioncli.archives.batch", reason="needs the extra ray")
-    row = batch.Stage(batch.Task(support)).row(str(query))
+    row = Task(support).row(str(query))
     assert (row["label"], row["confidence"], row["part_start"]) == (
         wanted.label,
         wanted.confidence,

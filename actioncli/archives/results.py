@@ -1,14 +1,16 @@
-"""What a batch has found out: kept file by file while it runs, one Parquet file at its end.
+"""What a batch has found out: kept file by file while it runs, one table at its end.
 
 While a run lasts, `OUTPUT.partial`, an SQLite database, holds the list of files and, as soon as it
 is known, the row of each. However a run ends, the next one goes on from there; neither the list
 nor the rows have to fit in memory. At the end the rows are written to `OUTPUT` in the order of
-the files' names, and the database goes away; a later run takes over what `OUTPUT` holds. Two runs
-that found the same write the same bytes. Needs the extra `ray`.
+the files' names, and the database goes away. A later run takes over what a Parquet file holds; CSV
+does not say what it was made with, and begins anew. Two runs that found the same write the same
+bytes. Parquet needs the extra `ray`.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -16,38 +18,39 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
-
-import pyarrow as pa
-import pyarrow.parquet as pq
+from typing import TYPE_CHECKING, Any
 
 from actioncli.errors import ClipError, UsageError
-from actioncli.files import output_lock, replacing
+from actioncli.files import replacing
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Row = dict[str, Any]
 
-SCHEMA = pa.schema(
-    [
-        ("source", pa.string()),
-        ("label", pa.string()),
-        ("accepted", pa.bool_()),
-        ("confidence", pa.float64()),
-        ("tau", pa.float64()),
-        ("nearest", pa.string()),
-        ("distance", pa.float64()),
-        ("nearest_negative", pa.float64()),
-        ("part_start", pa.float64()),
-        ("part_end", pa.float64()),
-        ("frames", pa.int64()),
-        ("seconds", pa.float64()),
-        ("notes", pa.list_(pa.string())),
-        ("error_type", pa.string()),
-        ("error", pa.string()),
-        ("size", pa.int64()),
-        ("mtime_ns", pa.int64()),
-    ]
-)
+# Name to type, as Arrow has them.
+COLUMNS = {
+    "source": "string",
+    "label": "string",
+    "accepted": "bool",
+    "confidence": "float64",
+    "tau": "float64",
+    "nearest": "string",
+    "distance": "float64",
+    "nearest_negative": "float64",
+    "part_start": "float64",
+    "part_end": "float64",
+    "frames": "int64",
+    "seconds": "float64",
+    "notes": "strings",
+    "error_type": "string",
+    "error": "string",
+    "size": "int64",
+    "mtime_ns": "int64",
+}
+SUFFIXES = (".csv", ".parquet")
 _METADATA = b"actioncli"
+_LOCKED = "database is locked"
 # Rows that are in memory at once when a Parquet file is read or written.
 _CHUNK = 5_000
 # A byte that is no UTF-8, as Python has it in a name, escaped.
@@ -67,7 +70,7 @@ class Results:
         """Begin, or go on with what is there; no other run may write this output meanwhile.
 
         Args:
-            output: the Parquet file.
+            output: the file that is to hold the table, `.csv` or `.parquet`.
             basis: what decisions depend on, name to value.
 
         Raises:
@@ -75,20 +78,24 @@ class Results:
             ClipError: it is damaged, or not what this class writes, or cannot be written.
         """
         partial = _partial(output)
-        with output_lock(output, "batch", UsageError):
-            if not partial.exists():
-                _check(output, basis)
-                partial.touch(mode=0o600)
-            try:
-                # A statement is a transaction of its own, unless `_transaction` makes a larger one.
-                with closing(sqlite3.connect(partial, isolation_level=None)) as database:
-                    results = cls(output, basis, database)
-                    results._begin()
-                    yield results
-            except sqlite3.Error as error:
-                raise ClipError(
-                    f"{partial}: cannot be used: {error}; where it is damaged, delete it."
+        if not partial.exists():
+            _check(output, basis)
+        try:
+            partial.touch(mode=0o600)
+            # A statement is a transaction of its own, unless `_transaction` makes a larger one.
+            with closing(sqlite3.connect(partial, timeout=0, isolation_level=None)) as database:
+                results = cls(output, basis, database)
+                results._begin()
+                yield results
+        except sqlite3.Error as error:
+            if str(error) == _LOCKED:
+                raise UsageError(
+                    f"{output}: another run of `batch` is writing it; wait for that one, or name "
+                    "another output."
                 ) from error
+            raise ClipError(
+                f"{partial}: cannot be used: {error}; where it is damaged, delete it."
+            ) from error
 
     def _begin(self) -> None:
         run = self._database.execute
@@ -96,6 +103,8 @@ class Results:
         run("PRAGMA locking_mode = EXCLUSIVE")
         run("PRAGMA journal_mode = WAL")
         run("PRAGMA synchronous = NORMAL")
+        if not _partial(self._output).exists():  # another run came to its end just now
+            raise sqlite3.OperationalError(_LOCKED)
         with _transaction(self._database):
             run("CREATE TABLE IF NOT EXISTS basis (name TEXT PRIMARY KEY, value TEXT)")
             run(
@@ -112,11 +121,14 @@ class Results:
 
     def _take_over(self) -> None:
         """The rows of an earlier run that came to its end."""
-        if not self._output.exists():
+        if not self._output.exists() or _is_csv(self._output):
             return
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
         with _reading(self._output), pq.ParquetFile(self._output) as file:
             for batch in file.iter_batches(_CHUNK):
-                rows = pa.Table.from_batches([batch]).cast(SCHEMA).to_pylist()
+                rows = pa.Table.from_batches([batch]).cast(schema()).to_pylist()
                 self._database.executemany(
                     "INSERT INTO files VALUES (?, ?, ?, ?, ?)", map(_values, rows)
                 )
@@ -178,26 +190,52 @@ class Results:
         Raises:
             ClipError: it cannot be written.
         """
+        rows = self._rows()
         try:
-            self._write()
+            with replacing(self._output) as part:
+                (_write_csv if _is_csv(self._output) else _write_parquet)(part, rows, self._basis)
         except OSError as error:
             raise ClipError(f"{self._output}: cannot be written: {error.strerror}.") from error
-        self._database.close()
+        # While it is still held, and first the file beside it that closing would look for.
+        self._database.execute("PRAGMA journal_mode = DELETE")
         _partial(self._output).unlink()
+        self._database.close()
 
-    def _write(self) -> None:
-        header = json.dumps({"format": 1, **self._basis})
-        rows = self._database.execute(
+    def _rows(self) -> Iterator[list[Row]]:
+        """What there is, in order, many rows at a time."""
+        names = ("source", "size", "mtime_ns")
+        found = self._database.execute(
             "SELECT row, source, size, mtime_ns FROM files WHERE row NOTNULL ORDER BY source"
         )
-        with (
-            replacing(self._output) as part,
-            pq.ParquetWriter(part, SCHEMA.with_metadata({_METADATA: header})) as file,
-        ):
-            while chunk := rows.fetchmany(_CHUNK):
-                names = ("source", "size", "mtime_ns")
-                told = [json.loads(row) | dict(zip(names, of, strict=True)) for row, *of in chunk]
-                file.write_table(pa.Table.from_pylist(told, file.schema))
+        while chunk := found.fetchmany(_CHUNK):
+            yield [json.loads(row) | dict(zip(names, of, strict=True)) for row, *of in chunk]
+
+
+def schema() -> pa.Schema:
+    """The columns of the Parquet file."""
+    import pyarrow as pa
+
+    strings = pa.list_(pa.string())
+    kinds = {name: pa.type_for_alias(kind) for name, kind in COLUMNS.items() if kind != "strings"}
+    return pa.schema([(name, kinds.get(name, strings)) for name in COLUMNS])
+
+
+def _write_parquet(file: Path, rows: Iterable[list[Row]], basis: Mapping[str, str]) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    header = json.dumps({"format": 1, **basis})
+    with pq.ParquetWriter(file, schema().with_metadata({_METADATA: header})) as writer:
+        for some in rows:
+            writer.write_table(pa.Table.from_pylist(some, writer.schema))
+
+
+def _write_csv(file: Path, rows: Iterable[list[Row]], _: Mapping[str, str]) -> None:
+    with file.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.DictWriter(out, list(COLUMNS))
+        writer.writeheader()
+        for some in rows:
+            writer.writerows({**row, "notes": "; ".join(row.get("notes", ()))} for row in some)
 
 
 def storable(text: str) -> str:
@@ -209,6 +247,10 @@ def storable(text: str) -> str:
 def file_named(source: str) -> str:
     """The file whose name `storable` made this of."""
     return source if os.path.lexists(source) else _HALF.sub(lambda h: chr(int(h[1], 16)), source)
+
+
+def _is_csv(output: Path) -> bool:
+    return output.suffix.lower() == ".csv"
 
 
 def _partial(output: Path) -> Path:
@@ -241,9 +283,10 @@ def _values(row: Row) -> tuple[object, ...]:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
+    """Whatever reading an output stumbles on: it is somebody else's."""
     try:
         yield
-    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+    except (OSError, LookupError, RuntimeError, TypeError, ValueError, csv.Error) as error:
         raise ClipError(
             f"{path}: is no output of `actioncli batch` ({type(error).__name__}); it is not "
             "written over: name another OUTPUT, or delete it."
@@ -251,11 +294,19 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def _check(output: Path, basis: Mapping[str, str]) -> None:
-    """Refuse an output that was made otherwise before anything is written."""
-    if output.exists():
-        with _reading(output):
-            header = json.loads(pq.read_schema(output).metadata[_METADATA])
-        _compare(output, header, basis)
+    """Refuse an output that is another's, or was made otherwise, before anything is written."""
+    if not output.exists():
+        return
+    with _reading(output):
+        if _is_csv(output):
+            with output.open(encoding="utf-8", newline="") as file:
+                if next(csv.reader(file), None) != list(COLUMNS):
+                    raise ValueError
+            return
+        import pyarrow.parquet as pq
+
+        header = json.loads(pq.read_schema(output).metadata[_METADATA])
+    _compare(output, header, basis)
 
 
 def _compare(path: Path, before: Mapping[str, str], basis: Mapping[str, str]) -> None:

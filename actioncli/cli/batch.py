@@ -1,8 +1,9 @@
-"""`batch`: classify archives of recordings into a Parquet file, on all cores or on a cluster."""
+"""`batch`: classify archives of recordings into a table, on all cores or on a cluster."""
 
 from __future__ import annotations
 
 import json
+import os
 import time
 from contextlib import closing
 from dataclasses import asdict
@@ -38,7 +39,7 @@ def batch(
         ),
     ],
     output: Annotated[
-        Path, typer.Argument(metavar="OUTPUT.parquet", help="Where the decisions go.")
+        Path, typer.Argument(metavar="OUTPUT.csv|.parquet", help="Where the decisions go.")
     ],
     *,
     tau: TauOption = None,
@@ -47,7 +48,7 @@ def batch(
         typer.Option(
             metavar="ADDRESS",
             help="A Ray cluster that this machine belongs to, HOST:PORT or auto.  [default: "
-            "processes of this machine, one for each core]",
+            "processes of this machine alone, one for each core]",
             show_default=False,
         ),
     ] = None,
@@ -56,25 +57,27 @@ def batch(
 ) -> None:
     """Classify archives of recordings, on all cores or a cluster.
 
-    Needs the extra: pip install 'actioncli[ray]'. Decisions are those of `classify`. A file that
-    cannot be used gets a row that says why, and the others are still classified.
+    Decisions are those of `classify`. A file that cannot be used gets a row that says why, and
+    the others are still classified. Parquet and clusters need the extra: pip install
+    'actioncli[ray]'.
 
-    Whatever ends a run, what it had found out is kept in OUTPUT.parquet.partial, and the same
-    command goes on from there. Run again after that, it looks at files that are new, that have
-    changed in size or time of change, or that could not be used; rows of files that are gone go.
-    Decisions of another support set, tau, weights or options are not mixed, but refused.
+    Whatever ends a run, what it had found out is kept in OUTPUT.partial, and the same command
+    goes on from there. Run again after that, CSV is begun anew; with Parquet, it looks at files
+    that are new, that have changed in size or time of change, or that could not be used, and rows
+    of files that are gone go. Decisions of another support set, tau, weights or options are not
+    mixed, but refused.
 
     The machines of a cluster need this version of actioncli with the extra, and the recordings
     under the same paths. Who may use a cluster of Ray runs programs on it, and sees its data.
 
     \b
     Examples:
-      actioncli batch recordings/ decisions.parquet
+      actioncli batch recordings/ decisions.csv
       actioncli batch 'archive/2025-*/*.mp4' decisions.parquet --tau 0.7
       actioncli batch recordings/ decisions.parquet --ray 10.0.0.5:6379
 
     \b
-    Parquet columns:
+    Columns:
       source                absolute path; rows are sorted by it
       label, accepted       the recognised action, null where the clip is rejected
       confidence, tau       that it shows the nearest action, and what this must exceed
@@ -92,19 +95,25 @@ def batch(
 
     The exit code is 3 where files could not be used; rejected ones do not change it.
     """
-    if not (find_spec("ray") and find_spec("pyarrow")):
-        raise UsageError("batch needs Ray Data: pip install 'actioncli[ray]'.")
+    # Files are shared by processes, which threads of their own would only disturb. Read when numpy
+    # is imported.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    from actioncli.archives.results import SUFFIXES, Results, storable
+
+    if output.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"{output}: tables are written as {' or '.join(SUFFIXES)}.")
+    for asked, package in ((output.suffix.lower() == ".parquet", "pyarrow"), (ray, "ray")):
+        if asked and not find_spec(package):
+            raise UsageError(f"this needs {package}: pip install 'actioncli[ray]'.")
     if tau is not None:
         checked_tau(tau)
     check_place(output)
-    from actioncli.archives.results import Results, storable
-
     task = _task(settings, weights, tau, options)
     basis = {"INPUT": storable(str(recordings.absolute())), **_basis(task)}
 
     begun = time.monotonic()
     with Results.opened(output, basis) as results:
-        _list(recordings, results)
+        _list(recordings, output, results)
         before = results.count()
         settings.tell(f"{plural(before['files'], 'file')}, {before['done']} of them done before")
         try:
@@ -142,12 +151,16 @@ def batch(
 
 def _decide(settings: Settings, task: Task, address: str | None, results: Results) -> None:
     from actioncli.archives.batch import decide
-    from actioncli.archives.ray_session import joined_ray
 
     count = results.count()
     left = count["files"] - count["done"]
-    # The pipeline ends before Ray does, also at Ctrl-C.
-    with joined_ray(address), closing(decide(task, results)) as rows:
+    if address is None:
+        decided = decide(task, results)
+    else:
+        from actioncli.archives.cluster import decide_on_cluster
+
+        decided = decide_on_cluster(task, results, address)
+    with closing(decided) as rows:
         for row in progress(rows, "Classifying", total=left, shown=not settings.quiet):
             results.add(row)
             if row.get("error") is not None:
@@ -188,8 +201,8 @@ def _basis(task: Task) -> dict[str, str]:
     }
 
 
-def _list(recordings: Path, results: Results) -> None:
-    """Look for the files that INPUT names.
+def _list(recordings: Path, output: Path, results: Results) -> None:
+    """Look for the files that INPUT names; the table, where it stands among them, is none.
 
     Raises:
         ClipError: there are none.
@@ -198,9 +211,11 @@ def _list(recordings: Path, results: Results) -> None:
     from actioncli.pose import VIDEO_SUFFIXES
 
     path = recordings.absolute()
+    own = {f"{output.absolute()}{more}" for more in ("", ".partial", ".partial-wal")}
     found = walk_clips(path, (*CLIP_SUFFIXES, *VIDEO_SUFFIXES))
-    first = next(found, None)
+    listed = (each for each in found if str(each) not in own)
+    first = next(listed, None)
     if first is None or (first == path and not path.is_file()):
         what = "there are no clips or videos in it" if path.is_dir() else "no such file"
         raise ClipError(f"{recordings}: {what}.")
-    results.set_files(chain([first], found))
+    results.set_files(chain([first], listed))

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from actioncli.archives.processes import cores, in_processes
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support, tell_notes
 from actioncli.cli.options import ClipArguments, ClipReading, TauOption, WeightsOption
 from actioncli.cli.output import printable, progress, say, steps, table, write_json
-from actioncli.cli.processes import cores, in_processes
 from actioncli.cli.reading import read_shown, report_bad_clip, sharing
 from actioncli.cli.video import check_annotation, read_annotated, write_annotation
 from actioncli.errors import ClipError, UsageError

@@ -7,8 +7,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from actioncli.archives.processes import cores, in_processes
 from actioncli.cli.output import error_entry, note, printable, progress
-from actioncli.cli.processes import cores, in_processes
 from actioncli.cli.video import video_progress
 from actioncli.errors import ClipError
 from actioncli.pose.read import ReadOptions, is_video, read_any

@@ -6,19 +6,17 @@ import sqlite3
 import stat
 import tracemalloc
 from collections.abc import Mapping
+from csv import DictReader
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-pytest.importorskip("pyarrow", reason="needs the extra `ray`")
-
-from pyarrow import parquet
-
 from actioncli.archives import results as batch_results
-from actioncli.archives.results import SCHEMA, Results
+from actioncli.archives.results import COLUMNS, Results, schema
 from actioncli.errors import ClipError, UsageError
 
+parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra `ray`")
 BASIS = {"weights": "w", "tau": "0.5"}
 
 
@@ -70,7 +68,7 @@ def test_what_is_left_of_runs_that_end_early_is_what_one_run_gives(
     assert output.read_bytes() == once.read_bytes()
     assert sorted(path.name for path in output.parent.iterdir()) == ["once.parquet", "out.parquet"]
     table = parquet.read_table(output)
-    assert table.schema.equals(SCHEMA)
+    assert table.schema.equals(schema())
     assert table["source"].to_pylist() == [str(path) for path in files]
     assert table["notes"].to_pylist() == [["a", "b"]] * 10
 
@@ -123,12 +121,12 @@ def test_another_basis_is_refused(files: list[Path], output: Path, ended: bool) 
     assert len(run(output, files)) == (0 if ended else 7)
 
 
-@pytest.mark.parametrize("name", ["out.parquet", "out.parquet.partial"])
+@pytest.mark.parametrize("name", ["out.parquet", "out.parquet.partial", "out.csv"])
 def test_foreign_files_are_not_written_over(output: Path, files: list[Path], name: str) -> None:
     foreign = output.with_name(name)
     foreign.write_bytes(b"something else" * 100)
     with pytest.raises(ClipError, match=f"{name}: .*delete it"):
-        run(output, files)
+        run(output.with_name(name.removesuffix(".partial")), files)
     assert foreign.read_bytes() == b"something else" * 100
     assert [path.name for path in output.parent.iterdir()] == [name]
 
@@ -139,6 +137,17 @@ def test_files_that_are_not_there_or_have_odd_names_are_listed(
     odd = [tmp_path / "gone.npy", tmp_path / "\udcff.npy", tmp_path / "a\nb'\".npy"]
     assert run(output, odd) == ["\\udcff.npy", "a\nb'\".npy", "gone.npy"]
     assert parquet.read_table(output)["size"].to_pylist() == [None] * 3
+
+
+def test_a_csv_is_one_and_its_next_run_begins_anew(files: list[Path], output: Path) -> None:
+    table = output.with_name("out.CSV")
+    assert [len(run(table, files, most)) for most in (4, 100, 100)] == [4, 6, 10]
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = list(DictReader(file))
+    assert list(rows[0]) == list(COLUMNS)
+    assert [row["source"] for row in rows] == list(map(str, files))
+    assert (rows[0]["accepted"], rows[0]["confidence"]) == ("False", "0.1")
+    assert (rows[0]["label"], rows[0]["notes"]) == ("", "a; b")
 
 
 def test_neither_the_list_nor_the_rows_are_held_in_memory(

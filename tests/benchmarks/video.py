@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli.cli.processes import cores, in_processes
+from actioncli.archives.processes import cores, in_processes
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.landmarks import SIDE, LandmarkEstimator

@@ -1,12 +1,13 @@
-"""`batch`: the decisions of `classify`, whatever happens, on its own Ray and on two nodes.
+"""`batch`: the decisions of `classify`, whatever happens, here and on two nodes.
 
 Starting Ray takes ten seconds of processor time and more, and it gives its processes fifteen
 seconds to answer, which a machine that is busy with other tests does not keep. So what starts Ray
-runs with `make nightly`; what a worker does and what is kept is tested in `tests/test_batch*.py`.
+runs with `make nightly`.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -25,6 +26,7 @@ import numpy as np
 import pytest
 
 from actioncli import SupportStore, read_clip
+from actioncli.archives.results import COLUMNS, Results
 
 from .conftest import ACTIONS, EXAMPLES, Invoke
 
@@ -33,41 +35,56 @@ PATIENCE = 600
 Started = Callable[..., subprocess.Popen[str]]
 
 
-def test_without_the_extra_it_is_named(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("actioncli.cli.batch.find_spec", lambda name: None)
-    result = invoke("batch", EXAMPLES, "out.parquet")
-    assert result.exit_code == 2
-    assert "pip install 'actioncli[ray]'" in result.stderr
-
-
-@needs_ray
 @pytest.mark.usefixtures("filled")
 @pytest.mark.parametrize(
-    ("name", "told"), [("nothing", "no such file"), ("empty", "no clips or videos"), ("*", "no ")]
+    ("words", "code", "message"),
+    [
+        (["nothing", "out.csv"], 3, "no such file"),
+        (["empty", "out.csv"], 3, "no clips or videos"),
+        (["*", "out.csv"], 3, "no "),
+        (["empty", "out.xlsx"], 2, "tables are written as .csv or .parquet"),
+        (["empty", "no/out.csv"], 2, "there is no folder"),
+        (["empty", "out.csv", "--ray", "nowhere"], 2, "there is no Ray cluster at 'nowhere'"),
+        (["empty", "out.csv", "--ray", "127.0.0.1:1"], 2, "there is no Ray cluster at"),
+    ],
 )
-def test_inputs_without_files_are_told(
-    name: str, told: str, tmp_path: Path, invoke: Invoke
+def test_what_batch_refuses(
+    words: list[str], code: int, message: str, tmp_path: Path, invoke: Invoke,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    (tmp_path / "empty").mkdir()
+    if "--ray" in words:
+        pytest.importorskip("ray", reason="needs the extra `ray`")
+        shutil.copy(EXAMPLES / "squat/ada.npz", tmp_path / "empty")
+    monkeypatch.chdir(tmp_path)
+    result = invoke("batch", *words)
+    assert (result.exit_code, message in result.stderr) == (code, True), result.stderr
+    assert not Path("out.csv").exists()
+
+
+def test_without_the_extra_it_is_named_where_it_is_needed(
+    invoke: Invoke, filled: SupportStore, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "archive"
-    (folder / "empty").mkdir(parents=True)
-    result = invoke("batch", folder / name, tmp_path / "out.parquet")
-    assert result.exit_code == 3
-    assert told in result.stderr
-    assert not (tmp_path / "out.parquet").exists()
+    monkeypatch.setattr("actioncli.cli.batch.find_spec", lambda name: None)
+    for words in (["out.parquet"], ["out.csv", "--ray", "auto"]):
+        result = invoke("batch", EXAMPLES, *words)
+        assert result.exit_code == 2
+        assert "pip install 'actioncli[ray]'" in result.stderr
+    # The table is none of the recordings, though it stands among them.
+    shutil.copytree(EXAMPLES / "squat", tmp_path / "squat")
+    for _ in range(2):
+        result = invoke("batch", tmp_path / "squat", tmp_path / "squat/out.csv")
+        assert (result.exit_code, "3 files, 3 accepted" in result.stdout) == (0, True)
 
 
-@needs_ray
 def test_an_empty_support_set_is_told(tmp_path: Path, invoke: Invoke) -> None:
-    result = invoke("batch", EXAMPLES / "squat", tmp_path / "out.parquet")
-    assert result.exit_code == 4
+    assert invoke("batch", EXAMPLES / "squat", tmp_path / "out.csv").exit_code == 4
 
 
-@needs_ray
+@pytest.mark.skipif(not find_spec("pyarrow"), reason="needs the extra `ray`")
 def test_other_decisions_are_not_mixed(
     filled: SupportStore, tmp_path: Path, invoke: Invoke
 ) -> None:
-    from actioncli.archives.results import Results
-
     output = tmp_path / "out.parquet"
     with Results.opened(output, {"weights": "of old"}) as results:
         results.finish()
@@ -78,29 +95,11 @@ def test_other_decisions_are_not_mixed(
     assert "delete it" in result.stderr
 
 
-@needs_ray
 def test_the_columns_are_the_documented_ones(invoke: Invoke) -> None:
-    from actioncli.archives.results import SCHEMA
-
-    block = invoke("batch", "--help").stdout.partition("Parquet columns:\n")[2]
+    block = invoke("batch", "--help").stdout.partition("Columns:\n")[2]
     lines = block.partition("\n\n")[0].splitlines()
     named = [re.split(r"\s{2,}", line.strip())[0].split(", ") for line in lines]
-    assert [name for names in named for name in names] == SCHEMA.names
-
-
-@needs_ray
-@pytest.mark.usefixtures("filled")
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "no.such.host.invalid:6379"])
-def test_where_no_cluster_is_it_is_told_at_once(
-    address: str, tmp_path: Path, invoke: Invoke
-) -> None:
-    output = tmp_path / "out.parquet"
-    result = invoke("batch", EXAMPLES / "squat", output, "--ray", address)
-    assert result.exit_code == 2
-    assert f"there is no Ray cluster at '{address}'" in result.stderr
-
-
-# What starts Ray.
+    assert [name for names in named for name in names] == list(COLUMNS)
 
 
 @pytest.fixture(scope="module")
@@ -156,6 +155,92 @@ def start(place: Path) -> Iterator[Started]:
         process.communicate(timeout=PATIENCE)
 
 
+def processes(place: Path, title: bytes = b"") -> list[int]:
+    """Those of programs that `start` began."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            environment = (entry / "environ").read_bytes()
+            named = (entry / "cmdline").read_bytes().startswith(title)
+            if named and f"={place}/home\0".encode() in environment:
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def heard(process: subprocess.Popen[str], word: str) -> str:
+    """What a program writes to standard error until the word is in it."""
+    assert process.stderr is not None
+    lines = ""
+    while word not in lines:
+        line = process.stderr.readline()
+        assert line, lines
+        lines += line
+    return lines
+
+
+def rows(output: Path) -> dict[str, dict[str, Any]]:
+    """By the name of the file."""
+    if output.suffix == ".csv":
+        with output.open(encoding="utf-8", newline="") as file:
+            return {Path(row["source"]).name: row for row in csv.DictReader(file)}
+    from pyarrow import parquet
+
+    return {Path(row["source"]).name: row for row in parquet.read_table(output).to_pylist()}
+
+
+def agree(output: Path, classified: list[dict[str, Any]]) -> None:
+    """A table and the clips that `classify` told of have the same decisions."""
+    found = rows(output)
+    assert len(found) == len(classified) == 151
+    for clip in classified:
+        row = found[Path(clip["source"]).name]
+        if "error" in clip:
+            assert row["error"] == clip["error"]["message"]
+            continue
+        assert (row["label"] or None, row["nearest"]) == (clip["label"], clip["nearest"])
+        assert float(row["confidence"]) == pytest.approx(clip["confidence"], abs=1e-5)
+        assert float(row["distance"]) == pytest.approx(clip["ranking"][0]["distance"], rel=1e-4)
+
+
+@pytest.fixture(scope="module")
+def classified(start: Started, archive: Path) -> list[dict[str, Any]]:
+    printed, _ = start("-m", "actioncli", "classify", archive, "--json").communicate()
+    clips: list[dict[str, Any]] = json.loads(printed)["clips"]
+    return clips
+
+
+@pytest.mark.usefixtures("unmeasured")
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_what_a_killed_and_an_interrupted_run_leave_ends_like_one_run(
+    start: Started, archive: Path, place: Path, classified: list[dict[str, Any]]
+) -> None:
+    output = place / "own.csv"
+    done = [-1]
+    for end, last in ((signal.SIGKILL, "040.npz"), (signal.SIGINT, "090.npz"), (None, "video.mp4")):
+        process = start("-m", "actioncli", "batch", archive, output)
+        begun = heard(process, last)
+        assert all(line.startswith(("151 files", "error: ")) for line in begun.splitlines())
+        done.append(int(begun.removeprefix("151 files, ").partition(" ")[0]))
+        if end is not None:
+            # As the terminal does it: to all processes in the foreground.
+            os.killpg(process.pid, end) if end == signal.SIGINT else process.kill()
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert process.returncode == {signal.SIGKILL: -9, signal.SIGINT: 130, None: 3}[end], errors
+        assert ("files are kept; the same command goes on" in errors) == (end == signal.SIGINT)
+        deadline = time.monotonic() + 60
+        while processes(place) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert not processes(place)
+    assert done[1] == 0 < done[2] < done[3]
+    agree(output, classified)
+    assert not list(place.glob("own.csv.*"))
+
+
+# What starts Ray.
+
+
 @pytest.fixture(scope="module")
 def cluster(place: Path, start: Started) -> str:
     """The address of two nodes with one core each."""
@@ -179,136 +264,22 @@ def cluster(place: Path, start: Started) -> str:
     return address
 
 
-def processes(place: Path, title: bytes = b"") -> list[int]:
-    """Those of programs that `start` began."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            environment = (entry / "environ").read_bytes()
-            named = (entry / "cmdline").read_bytes().startswith(title)
-            if named and f"={place}/home\0".encode() in environment:
-                found.append(int(entry.name))
-        except OSError:
-            continue
-    return found
-
-
-def listening(pids: list[int]) -> set[str]:
-    """Addresses at which processes listen, as the kernel writes them."""
-    sockets = set()
-    for pid in pids:
-        for handle in Path(f"/proc/{pid}/fd").glob("*"):
-            try:
-                sockets.add(str(handle.readlink()))
-            except OSError:
-                continue
-    lines = [
-        line.split()
-        for name in ("tcp", "tcp6")
-        for line in Path("/proc/net", name).read_text().splitlines()[1:]
-    ]
-    return {
-        line[1].partition(":")[0]
-        for line in lines
-        if line[3] == "0A" and f"socket:[{line[9]}]" in sockets
-    }
-
-
-def rows(output: Path) -> dict[str, dict[str, Any]]:
-    from pyarrow import parquet
-
-    return {Path(row["source"]).name: row for row in parquet.read_table(output).to_pylist()}
-
-
-def told(process: subprocess.Popen[str], word: str) -> str:
-    """What a program writes to standard error until the word is in it."""
-    assert process.stderr is not None
-    lines = ""
-    while word not in lines:
-        line = process.stderr.readline()
-        assert line, lines
-        lines += line
-    return lines
-
-
-@pytest.fixture(scope="module")
-def one_run(start: Started, cluster: str, place: Path, archive: Path) -> Path:
-    """The output of a run on two nodes, one of whose workers was killed."""
+@needs_ray
+@pytest.mark.nightly
+def test_two_nodes_decide_as_classify_though_a_worker_dies(
+    start: Started, cluster: str, archive: Path, place: Path, classified: list[dict[str, Any]]
+) -> None:
     output = place / "cluster.parquet"
-    command = ("-m", "actioncli", "batch", archive, output, "--ray", cluster, "--json")
-    process = start(*command)
+    process = start("-m", "actioncli", "batch", archive, output, "--ray", cluster, "--json")
     # Blocks are done in this order: many rows are known, and many are not.
-    told(process, "040.npz")
-    workers = processes(place, b"ray::MapWorker")
-    os.kill(workers[0], signal.SIGKILL)
+    heard(process, "040.npz")
+    os.kill(processes(place, b"ray::MapWorker")[0], signal.SIGKILL)
     printed, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 3, errors
     summary = json.loads(printed)
     assert (summary["files"], summary["failed"], summary["done_before"]) == (151, 3, 0)
-    return output
-
-
-@needs_ray
-@pytest.mark.nightly
-def test_two_nodes_decide_as_classify_though_a_worker_dies(
-    one_run: Path, start: Started, archive: Path, place: Path
-) -> None:
-    one_by_one = start("-m", "actioncli", "classify", archive, "--json")
-    printed, _ = one_by_one.communicate(timeout=PATIENCE)
-    classified = json.loads(printed)["clips"]
-    ours = rows(one_run)
-    assert len(ours) == len(classified) == 151
-    for clip in classified:
-        row = ours[Path(clip["source"]).name]
-        if "error" in clip:
-            assert row["error"] == clip["error"]["message"]
-            continue
-        assert (row["label"], row["nearest"]) == (clip["label"], clip["nearest"])
-        assert row["confidence"] == pytest.approx(clip["confidence"], abs=1e-5)
-        assert row["distance"] == pytest.approx(clip["ranking"][0]["distance"], rel=1e-4)
+    agree(output, classified)
     assert not list(place.glob("cluster.parquet.*"))
-
-
-@needs_ray
-@pytest.mark.nightly
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-def test_what_a_killed_and_an_interrupted_run_leave_ends_like_one_run(
-    one_run: Path, start: Started, archive: Path, place: Path
-) -> None:
-    output = place / "own.parquet"
-    others = processes(place)
-    temporary = set(Path("/tmp").glob("actioncli-*"))
-    command = ("-m", "actioncli", "batch", archive, output)
-    done = [-1]
-    for end, last in ((signal.SIGKILL, "040.npz"), (signal.SIGINT, "090.npz"), (None, "video.mp4")):
-        process = start(*command)
-        begun = told(process, last)
-        # Nothing else is said, also not by Ray.
-        assert all(line.startswith(("151 files", "error: ")) for line in begun.splitlines())
-        done.append(int(begun.removeprefix("151 files, ").partition(" ")[0]))
-        if end is not None:
-            ours = [pid for pid in processes(place) if pid not in others]
-            assert len(ours) > 5
-            assert listening(ours) <= {
-                "0100007F", "0000000000000000FFFF00000100007F", "00000000000000000000000001000000"
-            }  # fmt: skip
-            [folder] = set(Path("/tmp").glob("actioncli-*")) - temporary
-            assert folder.stat().st_mode & 0o777 == 0o700
-            if end == signal.SIGKILL:
-                process.kill()
-            else:
-                # As the terminal does it: to all processes in the foreground.
-                os.killpg(process.pid, end)
-        _, errors = process.communicate(timeout=PATIENCE)
-        assert process.returncode == {signal.SIGKILL: -9, signal.SIGINT: 130, None: 3}[end], errors
-        deadline = time.monotonic() + 120
-        while len(processes(place)) > len(others) and time.monotonic() < deadline:
-            time.sleep(0.2)
-        assert set(processes(place)) <= set(others)
-        assert set(Path("/tmp").glob("actioncli-*")) <= temporary
-        assert ("files are kept; the same command goes on" in errors) == (end == signal.SIGINT)
-    assert 0 == done[1] < done[2] < done[3]
-    assert output.read_bytes() == one_run.read_bytes()
 
 
 @needs_ray

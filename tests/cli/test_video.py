@@ -21,8 +21,8 @@ import pytest
 from pose.videos import streamed
 
 from actioncli import SupportStore, read_clip
+from actioncli.archives.processes import cores
 from actioncli.cli import camera
-from actioncli.cli.processes import cores
 from actioncli.clips.edit import cut
 from actioncli.pose import video as pose_video
 from actioncli.pose.frames import Frame, VideoFile

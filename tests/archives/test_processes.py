@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from actioncli.cli.processes import cores, in_processes
+from actioncli.archives.processes import cores, in_processes
 from actioncli.errors import ActionCliError, ClipError
 
 pytestmark = pytest.mark.skipif(cores() == 1, reason="processes cannot be forked here")
@@ -83,7 +83,7 @@ def test_processes_end_with_the_iterator() -> None:
 
 ENDLESS = """
 import time
-from actioncli.cli.processes import in_processes
+from actioncli.archives.processes import in_processes
 for _ in in_processes(lambda task: time.sleep(0.05), 10_000, 3):
     print("on", flush=True)
 """

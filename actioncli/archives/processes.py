@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+class ProcessKilledError(ActionCliError):
+    """A process that did a part of the work was killed, at the task whose outcome is wanted."""
+
+
 def cores() -> int:
     """On which this process may run; 1 where processes cannot be forked safely (macOS, Windows)."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
@@ -38,7 +42,7 @@ def in_processes(
 
     Raises:
         Exception: what `work` raised, at the first task that did.
-        ActionCliError: a process was killed.
+        ProcessKilledError: a process was killed.
     """
     processes = min(processes, tasks)
     if processes <= 1:
@@ -55,8 +59,8 @@ def in_processes(
             ours, theirs = context.Pipe(duplex=False)
             mine = range(first, tasks, processes)
             core = {on[first % len(on)]} if pinned else set(on)
-            worker = context.Process(target=_work, args=(work, mine, theirs, [*ends, ours], core))
-            worker.daemon = True
+            given = work, mine, theirs, [*ends, ours], core
+            worker = context.Process(target=_work, args=given, daemon=True)
             worker.start()
             theirs.close()
             ends.append(ours)
@@ -65,7 +69,7 @@ def in_processes(
             try:
                 raised, outcome = ends[task % processes].recv()
             except EOFError:
-                raise ActionCliError(
+                raise ProcessKilledError(
                     "a process that did a part of the work was killed, perhaps for want of "
                     "memory; try again with fewer files at once."
                 ) from None
