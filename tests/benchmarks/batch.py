@@ -21,12 +21,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+from startup import EXAMPLES, fill
 
 import actioncli
 from actioncli.clips.write import write_clip
 
-EXAMPLES = Path(__file__).parent.parent.parent / "examples"
-ACTIONS = ("wave_right/ada", "wave_left/ada", "squat/ada", "jumping_jack/ada", "kick_right/ada")
 LIMIT = 3.0
 KINDS = ("uncompressed", "float32", "float64", "extract")
 
@@ -71,13 +70,7 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         store = Path(name) / "support.db"
-        with actioncli.SupportStore(store) as support:
-            support.enroll_all(
-                [
-                    (action.split("/")[0], actioncli.read_clip(EXAMPLES / f"{action}.npz"))
-                    for action in ACTIONS
-                ]
-            )
+        fill(store)
         command = [sys.executable, "-m", "actioncli", "--store", str(store), "classify", "--json"]
         environment = {**os.environ, "OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
         for kind in KINDS:

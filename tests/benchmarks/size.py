@@ -1,18 +1,11 @@
-"""Support sets from 5 to 10,000 examples: warm latency, memory, cold start; and what is lost.
+"""Support sets from 5 to 10,000 examples: warm latency, memory, cold start.
 
     python tests/benchmarks/size.py [--out docs/size.svg]
-    python tests/benchmarks/size.py --recall COLLECTION... [--queries 1000]
 
-The first form needs nothing but the example clips: 10,000 examples are those clips, varied. Each
-size is measured in a process of its own; `classify` is the whole command on one clip, reading the
-store included. Processor time of two threads counts twice, and is what an idle machine would show
-on one; the wall clock is what this machine showed.
-
-The second form measures recall on recordings: how often `compare.scores`, which compares few of so
-many actions in full, tells the same nearest action, of the same score, as exact computation. Exact
-is the comparison of every action that could be nearer if T and Disc added `MOST` to its logit; of
-100 recordings compared in full with 10,000 examples (infinity does that) the largest addition was
--0.2.
+10,000 examples are the example clips, varied. Each size is measured in a process of its own;
+`classify` is the whole command on one clip, reading the store included. Processor time of two
+threads counts twice, and is what an idle machine would show on one; the wall clock is what this
+machine showed.
 """
 
 import argparse
@@ -30,20 +23,14 @@ from pathlib import Path
 import numpy as np
 
 import actioncli
-from actioncli.clips.collection import read_collection
 from actioncli.clips.skeleton import DEFAULT_JOINTS, select_joints
 from actioncli.clips.write import write_clip
-from actioncli.model import compare
 from actioncli.report.plots import Axis, Plot, fitting
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 # Actions and examples of each.
 SIZES = ((5, 1), (100, 1), (1000, 1), (100, 100), (10000, 1))
 LIMIT_SECONDS, LIMIT_MEGABYTES = 0.5, 1000
-MOST = 1.0
-# Of a logit, between comparison with more and with fewer others.
-ROUNDING = 1e-4
-SUPPORTS = (1000, 5000, 10000)
 STYLE = """<style>
 svg { --paper: #fff; --muted: #586069; --line: #d4d9de; --s0: #0072b2; --s1: #c34f00; --s2: #00785a;
   background: var(--paper); }
@@ -101,15 +88,8 @@ def query(folder: Path) -> None:
         wall.append(time.perf_counter() - begun)
         processor.append(time.process_time() - used)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(
-        json.dumps(
-            {
-                "wall": statistics.median(wall[1:]),
-                "processor": statistics.median(processor[1:]),
-                "peak": peak,
-            }
-        )
-    )
+    found = {"wall": statistics.median(wall[1:]), "processor": statistics.median(processor[1:])}
+    print(json.dumps({**found, "peak": peak}))
 
 
 def measure(actions: int, each: int) -> dict[str, float]:
@@ -163,67 +143,9 @@ def curve(found: dict[tuple[int, int], dict[str, float]]) -> str:
     return whole.replace("</svg>", f"{legend}</svg>\n")
 
 
-def recall(paths: list[Path], queries: int) -> None:
-    """How often `compare.scores` tells the nearest of recordings and their mirror images."""
-    recognizer = actioncli.Recognizer()
-    config, params = recognizer.weights.config, recognizer.weights.tensors
-    embedded, labels = [], []
-    for path in paths:
-        collection = read_collection(path)
-        labels += [f"{collection.name}/{label}" for label in collection.labels]
-        starts = range(0, len(collection), 64)
-        embedded += [recognizer.embed(collection.clips[at : at + 64]) for at in starts]
-    clips, names = np.concatenate(embedded), np.tile(labels, 2)
-    width = config.view_width
-    turned = [clips[..., width : 2 * width], clips[..., :width], clips[..., 2 * width :]]
-    everything = np.concatenate([clips, np.concatenate(turned, axis=2)])
-    actions = list(everything[:, None])
-    # Other queries than those by which the constants of `compare` were chosen, seed 0.
-    random = np.random.default_rng(1)
-    asked = random.permutation(len(clips))[:queries]
-    # Of each query: whether the nearest was told, whether the decision is the same at a confidence
-    # of one half, and the nearest's place in the order of approximate logits.
-    told: dict[tuple[int, bool], list[tuple[bool, bool, int]]] = {}
-    for number, one in enumerate(asked, start=1):
-        query = clips[one : one + 1]
-        cheap = compare.approximate_logit(params, compare.warp(params, config, query, actions))[0]
-        # Never the query itself or its mirror image.
-        others = np.arange(len(everything)) % len(clips) != one
-        full: dict[int, float] = {}
-        for own, allowed in ((True, others), (False, others & (names != names[one]))):
-            shuffled = random.permutation(np.flatnonzero(allowed))
-            for size in SUPPORTS:
-                picked = shuffled[:size]
-                logit = compare.scores(params, config, query, [actions[k] for k in picked])[1][0]
-                best = float(logit.max())
-                ordered = picked[np.argsort(-cheap[picked])]
-                possible = ordered[cheap[ordered] + MOST >= best]
-                missing = [k for k in possible if k not in full]
-                for at in range(0, len(missing), compare.EXACT):
-                    # So few are always compared in full.
-                    some = missing[at : at + compare.EXACT]
-                    scored = compare.scores(params, config, query, [actions[k] for k in some])
-                    full.update(zip(some, scored[1][0], strict=True))
-                exact = np.array([full[k] for k in possible])
-                found = bool(exact.max() <= best + ROUNDING)
-                decided = found or (best <= 0 and exact.max() <= 0)
-                told.setdefault((size, own), []).append((found, decided, int(exact.argmax())))
-        if number % 50 == 0 or number == len(asked):
-            for (size, own), of_queries in told.items():
-                nearest, same, places = zip(*of_queries, strict=True)
-                print(
-                    f"{size:6} examples, own action {'in' if own else 'not in'} the support set: "
-                    f"of {number} queries the nearest for {sum(nearest)}, the decision for "
-                    f"{sum(same)}; it is at most number {max(places) + 1}",
-                    flush=True,
-                )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--recall", type=Path, nargs="+")
-    parser.add_argument("--queries", type=int, default=1000)
     parser.add_argument("--fill", nargs=3)
     parser.add_argument("--query", type=Path)
     given = parser.parse_args()
@@ -231,8 +153,6 @@ def main() -> None:
         return fill(Path(given.fill[0]), int(given.fill[1]), int(given.fill[2]))
     if given.query:
         return query(given.query)
-    if given.recall:
-        return recall(given.recall, given.queries)
     found = {}
     for actions, each in SIZES:
         one = found[actions, each] = measure(actions, each)

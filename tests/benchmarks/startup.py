@@ -24,16 +24,18 @@ ACTIONS = ("wave_right/ada", "wave_left/ada", "squat/ada", "jumping_jack/ada", "
 LIMITS = {"classify clip.npy, five actions": 0.25, "list-support": 0.12}
 
 
+def fill(store: Path) -> None:
+    """Enrol five actions."""
+    clips = [
+        (name.split("/")[0], actioncli.read_clip(EXAMPLES / f"{name}.npz")) for name in ACTIONS
+    ]
+    actioncli.SupportStore(store).enroll_all(clips)
+
+
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "ACTIONCLI_HOME": folder, "OMP_NUM_THREADS": "1"}
-        with actioncli.SupportStore(Path(folder) / "support.db") as store:
-            store.enroll_all(
-                [
-                    (name.split("/")[0], actioncli.read_clip(EXAMPLES / f"{name}.npz"))
-                    for name in ACTIONS
-                ]
-            )
+        fill(Path(folder) / "support.db")
         query = Path(folder) / "clip.npy"
         np.save(query, actioncli.read_clip(EXAMPLES / "wave_right/ben.npz").joints)
         run = [sys.executable, "-m", "actioncli"]

@@ -1,6 +1,7 @@
 """A support set of its own for each test, and two ways to run a command: in this process, or
 in one of its own."""
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -25,6 +26,7 @@ ACTIONS = {
 }
 
 Invoke = Callable[..., Result]
+Ask = Callable[..., dict[str, Any]]
 Run = Callable[..., subprocess.CompletedProcess[str]]
 MakeClip = Callable[[int], Clip]
 
@@ -65,6 +67,17 @@ def invoke() -> Invoke:
         result = CliRunner().invoke(app, [str(word) for word in arguments], input=typed)
         assert result.exception is None or isinstance(result.exception, SystemExit)
         return result
+
+    return call
+
+
+@pytest.fixture
+def ask(invoke: Invoke) -> Ask:
+    """The JSON document of a command."""
+
+    def call(*arguments: object) -> dict[str, Any]:
+        document: dict[str, Any] = json.loads(invoke(*arguments, "--json").stdout)
+        return document
 
     return call
 

@@ -11,7 +11,7 @@ from actioncli.calibration.threshold import TAUS
 from actioncli.calibration.trials import KINDS
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
-from .conftest import ACTIONS, EXAMPLES, Invoke
+from .conftest import ACTIONS, EXAMPLES, Ask, Invoke
 from .test_json_keys import documented, found
 
 SQUAT = EXAMPLES / "squat/ada.npz"
@@ -33,7 +33,7 @@ def checksum() -> str:
 
 
 def test_the_table_is_told_and_the_threshold_kept_and_used(
-    invoke: Invoke, several: SupportStore, checksum: str
+    invoke: Invoke, ask: Ask, several: SupportStore, checksum: str
 ) -> None:
     assert invoke("calibrate", *LOOSE, "--dry-run").stdout.endswith(": not kept\n")
     assert kept_threshold(several) is None
@@ -46,11 +46,13 @@ def test_the_table_is_told_and_the_threshold_kept_and_used(
     assert lines[-1] == f"tau {tau:g}: kept, classify uses it unless --tau is given"
     assert kept_threshold(several) == Threshold(tau, checksum, {})
     assert "1 of 5 actions have one example" in result.stderr
+    quiet = invoke("calibrate", *LOOSE, "-q")
+    assert (quiet.stdout, quiet.stderr) == (f"{lines[-1]}\n", "")
 
     def used(*words: str) -> float:
-        told = json.loads(invoke("classify", SQUAT, "--json", *words).stdout)
-        assert told["clips"][0]["tau"] == told["tau"]
-        return float(told["tau"])
+        answer = ask("classify", SQUAT, *words)
+        assert answer["clips"][0]["tau"] == answer["tau"]
+        return float(answer["tau"])
 
     assert used() == tau
     assert used("--tau", "0.75") == 0.75
@@ -58,8 +60,8 @@ def test_the_table_is_told_and_the_threshold_kept_and_used(
     assert used() == 0.5
 
 
-def test_json(invoke: Invoke, several: SupportStore, checksum: str) -> None:
-    told = json.loads(invoke("calibrate", *LOOSE, "--json").stdout)
+def test_json(ask: Ask, several: SupportStore, checksum: str) -> None:
+    told = ask("calibrate", *LOOSE)
     assert (told["measured"], told["kept"], told["weights"]) == (True, True, checksum)
     taus = [row["tau"] for row in told["table"]]
     assert taus == sorted({*TAUS, told["tau"]})
@@ -79,23 +81,19 @@ def test_json(invoke: Invoke, several: SupportStore, checksum: str) -> None:
     assert sum(action["false_accepts"]["of"] for action in told["actions"]) == 12 + cohort
 
 
-def test_keys_are_the_documented_ones(invoke: Invoke, several: SupportStore) -> None:
-    help_text = invoke("calibrate", "--help").stdout
-    keys = found(json.loads(invoke("calibrate", "--json").stdout), "", {})
+def test_keys_are_the_documented_ones(invoke: Invoke, ask: Ask, several: SupportStore) -> None:
+    keys = found(ask("calibrate"), "", {})
     rates = {
         path: keys.pop(path) for path in list(keys) if path.endswith(("s", "d")) and "." in path
     }
-    documentation = documented(help_text)
+    documentation = documented(invoke("calibrate", "--help").stdout)
     figures = documentation.pop(".false_accepts, .false_rejects, .misnamed")
     reset = documentation.pop("With --reset")
     assert keys == documentation
-    assert {path.rpartition(".")[2] for path in rates} == {
-        "false_accepts",
-        "false_rejects",
-        "misnamed",
-    }
+    kinds = {path.rpartition(".")[2] for path in rates}
+    assert kinds == {"false_accepts", "false_rejects", "misnamed"}
     assert all(names == figures for names in rates.values())
-    assert set(json.loads(invoke("calibrate", "--reset", "--json").stdout)) == reset
+    assert set(ask("calibrate", "--reset")) == reset
 
 
 def test_nothing_is_kept_where_nothing_can_be_told(invoke: Invoke, filled: SupportStore) -> None:
@@ -170,12 +168,6 @@ def test_a_threshold_of_other_weights_is_told_and_not_used(
     assert kept.weights == checksum
 
 
-def test_clear_forgets_the_threshold(invoke: Invoke, filled: SupportStore, checksum: str) -> None:
-    keep_threshold(filled, Threshold(0.9, checksum))
-    invoke("clear", "--yes")
-    assert kept_threshold(filled) is None
-
-
 def test_a_damaged_threshold_is_code_5_until_it_is_forgotten(
     invoke: Invoke, filled: SupportStore
 ) -> None:
@@ -191,34 +183,9 @@ def test_a_damaged_threshold_is_code_5_until_it_is_forgotten(
     assert invoke("classify", SQUAT).exit_code in (0, 1)
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--target-far", "0"],
-        ["--target-far", "1"],
-        ["--target-far", "nan"],
-        ["--reset", "--per-action"],
-        ["--reset", "--dry-run"],
-        ["--reset", "--negatives", "x.npy"],
-    ],
-)
-def test_wrong_usage(invoke: Invoke, filled: SupportStore, words: list[str]) -> None:
-    result = invoke("calibrate", *words)
-    assert result.exit_code == 2
-    assert words[0] in result.stderr
-
-
-def test_an_empty_support_set_is_code_4(invoke: Invoke, home: Path) -> None:
-    assert invoke("calibrate").exit_code == 4
+def test_reset_makes_no_support_set(invoke: Invoke, home: Path) -> None:
     assert invoke("calibrate", "--reset").exit_code == 0
     assert not home.exists()
-
-
-def test_quiet_tells_the_threshold_only(invoke: Invoke, several: SupportStore) -> None:
-    result = invoke("calibrate", *LOOSE, "-q")
-    assert len(result.stdout.splitlines()) == 1
-    assert result.stdout.startswith("tau ")
-    assert result.stderr == ""
 
 
 def test_calibrated_decisions_keep_the_wanted_rate(

@@ -62,37 +62,13 @@ def test_labels_stay_text(invoke: Invoke, tmp_path: Path) -> None:
     assert text.count("<canvas") == 2
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ([WAVE, PUNCH, "--explain", "a.html"], "tells about one clip"),
-        ([EXAMPLES / "squat", "--explain", "a.html"], "tells about one clip"),
-        ([WAVE, "--explain", "a.png"], "ends in .html"),
-        ([WAVE, "--explain", "none/a.html"], "folder does not exist"),
-    ],
-)
-def test_what_cannot_be_explained_is_told_first(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    words: list[object], message: str,
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    result = invoke("classify", *words)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert not list(tmp_path.glob("*.html"))
-
-
 @needs_chromium
-def test_the_page_is_for_everyone(invoke: Invoke, filled: SupportStore, tmp_path: Path) -> None:
+def test_the_page_is_for_everyone_and_plays_in_step(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
     page = tmp_path / "why.html"
     invoke("classify", PUNCH, "--explain", page)
     accessible(page)
-
-
-@needs_chromium
-def test_the_page_plays_in_step(invoke: Invoke, filled: SupportStore, tmp_path: Path) -> None:
-    page = tmp_path / "why.html"
-    invoke("classify", PUNCH, "--explain", page)
     got = ask(
         page,
         """

@@ -7,32 +7,28 @@ import pytest
 from actioncli import Recognizer, SupportStore, read_clip
 from actioncli.recognition.threshold import DEFAULT_TAU
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, Ask, Invoke
 
 SQUAT = EXAMPLES / "squat/ada.npz"
 WAVE_LEFT = EXAMPLES / "wave_left"
 PUNCH = EXAMPLES / "punch_right/dev.npz"
 
 
-def test_negatives_are_enrolled_without_a_label(invoke: Invoke, store: SupportStore) -> None:
+def test_negatives_are_enrolled_without_a_label(
+    invoke: Invoke, ask: Ask, store: SupportStore
+) -> None:
     result = invoke("enroll", "--negative", PUNCH, WAVE_LEFT, "--note", "not this")
     assert result.exit_code == 0
     assert result.stdout.splitlines()[0].startswith(f"negatives: {PUNCH} added as example 1 (")
+    assert "warning" not in result.stderr
     assert [example.negative for example in store.examples("negatives")] == [True] * 3
     assert store.support() == {}
-    told = json.loads(invoke("enroll", PUNCH, "--negative", "--json").stdout)
-    assert (told["label"], told["negative"], told["known"]) == ("negatives", True, 1)
-
-
-def test_labels_go_on_as_before(invoke: Invoke, store: SupportStore) -> None:
-    result = invoke("enroll", "squat")
-    assert result.exit_code == 2
-    assert "Missing argument 'CLIP...'" in result.stderr
-    assert invoke("enroll", "--negative").exit_code == 2
-    assert invoke("enroll").exit_code == 2
-    told = json.loads(invoke("enroll", "squat", SQUAT, "--json").stdout)
-    assert (told["label"], told["negative"]) == ("squat", False)
-    assert not store.examples()[0].negative
+    again = ask("enroll", PUNCH, "--negative")
+    assert (again["label"], again["negative"], again["known"]) == ("negatives", True, 1)
+    action = ask("enroll", "squat", SQUAT)
+    assert (action["label"], action["negative"]) == ("squat", False)
+    assert action["clips"][0]["warnings"] == []
+    assert not store.examples("squat")[0].negative
 
 
 def test_an_action_of_that_name_is_told(invoke: Invoke, store: SupportStore) -> None:
@@ -45,28 +41,30 @@ def test_an_action_of_that_name_is_told(invoke: Invoke, store: SupportStore) -> 
     assert invoke("enroll", "negatives", SQUAT).exit_code == 2
 
 
-def test_what_is_nearer_to_a_negative_is_rejected(invoke: Invoke, filled: SupportStore) -> None:
-    words = ["classify", SQUAT, "--tau", "0", "--json"]
-    before = json.loads(invoke(*words).stdout)["clips"][0]
+def test_what_is_nearer_to_a_negative_is_rejected(
+    invoke: Invoke, ask: Ask, filled: SupportStore
+) -> None:
+    words = ["classify", SQUAT, "--tau", "0"]
+    [before] = ask(*words)["clips"]
     assert (before["accepted"], before["nearest_negative"]) == (True, None)
     # The same motion as a negative: the query is as near to it as to the action.
     invoke("remove", "squat", "--yes")
     invoke("enroll", "squat", EXAMPLES / "squat/cleo.npz")
     invoke("enroll", "--negative", SQUAT, PUNCH)
     result = invoke(*words)
-    after = json.loads(result.stdout)["clips"][0]
     assert result.exit_code == 1
+    [after] = ask(*words)["clips"]
     assert (after["label"], after["accepted"], after["nearest"]) == (None, False, "squat")
     assert after["confidence"] > 0
     assert after["nearest_negative"] < after["ranking"][0]["distance"]
     assert any("nearer to a negative" in note for note in after["notes"])
     assert [ranked["label"] for ranked in after["ranking"]].count("negatives") == 0
     assert sum(ranked["probability"] for ranked in after["ranking"]) == pytest.approx(1, abs=1e-4)
-    first = invoke(*words[:-1]).stdout.splitlines()[0]
+    first = result.stdout.splitlines()[0]
     assert ": rejected  (nearest squat, confidence " in first
     assert "> tau 0.00, but a negative is nearer, " in first
     invoke("remove", "negatives", "--yes")
-    assert json.loads(invoke(*words).stdout)["clips"][0]["accepted"]
+    assert ask(*words)["clips"][0]["accepted"]
 
 
 def test_only_negatives_is_an_empty_support_set(invoke: Invoke, store: SupportStore) -> None:
@@ -77,24 +75,27 @@ def test_only_negatives_is_an_empty_support_set(invoke: Invoke, store: SupportSt
     assert "enrol an action" in listed.stderr
 
 
-def test_they_are_listed_apart_shown_and_removed(invoke: Invoke, filled: SupportStore) -> None:
+def test_they_are_listed_apart_shown_and_removed(
+    invoke: Invoke, ask: Ask, filled: SupportStore
+) -> None:
     invoke("enroll", "--negative", PUNCH, WAVE_LEFT, "-q")
     lines = invoke("list-support").stdout.splitlines()
     place = next(n for n, line in enumerate(lines) if line.startswith("never accepted"))
     assert place == 1 + len(filled.support())
     assert [line.split()[:2] for line in lines[place + 1 :]] == [["negatives", "3"]]
-    told = json.loads(invoke("list-support", "--json").stdout)["actions"]
-    assert [entry["label"] for entry in told if entry["negative"]] == ["negatives"]
-    shown = json.loads(invoke("show", "negatives", "--json").stdout)
-    assert [example["source"] for example in shown["examples"]] == ["dev.npz", "ada.npz", "dev.npz"]
-    first = shown["examples"][0]["id"]
-    assert invoke("remove", "negatives", "--example", first, "--yes").exit_code == 0
+    listed = ask("list-support")["actions"]
+    assert [entry["label"] for entry in listed if entry["negative"]] == ["negatives"]
+    shown = ask("show", "negatives")["examples"]
+    assert [example["source"] for example in shown] == ["dev.npz", "ada.npz", "dev.npz"]
+    words = ["remove", "negatives", "--example", shown[0]["id"], "--yes"]
+    assert invoke(*words).exit_code == 0
     assert len(filled.negatives()) == 2
 
 
-def test_an_example_of_another_action_is_told(invoke: Invoke, filled: SupportStore) -> None:
-    for file in ("squat/ben.npz", "squat/cleo.npz"):
-        invoke("enroll", "squat", EXAMPLES / file, "-q")
+def test_an_example_of_another_action_is_told(
+    invoke: Invoke, ask: Ask, filled: SupportStore
+) -> None:
+    invoke("enroll", "squat", EXAMPLES / "squat/ben.npz", EXAMPLES / "squat/cleo.npz", "-q")
     # A kick that was taken for a squat.
     stray = EXAMPLES / "kick_right/cleo.npz"
     seen = Recognizer().classify(read_clip(stray), filled.support())
@@ -103,30 +104,21 @@ def test_an_example_of_another_action_is_told(invoke: Invoke, filled: SupportSto
     result = invoke("enroll", "squat", stray, "--json")
     assert result.exit_code == 0
     [entry] = json.loads(result.stdout)["clips"]
-    assert entry["added"]
     told = [f"closest to `kick`, {ranked['kick']:.2f}"]
     if ranked["squat"] <= DEFAULT_TAU:
         told.insert(0, f"unlike the other examples of `squat`, {ranked['squat']:.2f}")
-    assert entry["warnings"] == told
+    assert (entry["added"], entry["warnings"]) == (True, told)
     assert f"warning: {stray}: closest to `kick`, " in result.stderr
     # Once it is there, the same clip is told as such and not warned about.
-    [again] = json.loads(invoke("enroll", "squat", stray, "--json").stdout)["clips"]
+    [again] = ask("enroll", "squat", stray)["clips"]
     assert (again["added"], again["warnings"]) == (False, [])
 
 
-def test_nothing_to_compare_with_is_no_warning(invoke: Invoke, store: SupportStore) -> None:
-    [entry] = json.loads(invoke("enroll", "squat", SQUAT, "--json").stdout)["clips"]
-    assert entry["warnings"] == []
-    assert "warning" not in invoke("enroll", "--negative", PUNCH).stderr
-
-
-def test_clips_of_one_call_are_compared_with_one_another(
-    invoke: Invoke, store: SupportStore
-) -> None:
+def test_clips_of_one_call_are_compared_with_one_another(ask: Ask, store: SupportStore) -> None:
     files = [EXAMPLES / name for name in ("squat/ada.npz", "squat/ben.npz", "bow/ben.npz")]
     recognizer = Recognizer()
     clips = [read_clip(file) for file in files]
-    entries = json.loads(invoke("enroll", "squat", *files, "--json").stdout)["clips"]
+    entries = ask("enroll", "squat", *files)["clips"]
     for n, entry in enumerate(entries):
         rest = {"squat": [clip for m, clip in enumerate(clips) if m != n]}
         confidence = recognizer.classify(clips[n], rest).confidence

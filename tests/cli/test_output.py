@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actioncli.cli.output import plural, printable, progress, steps, table, write_json
-from actioncli.files import json_text
 
 
 @given(st.text(alphabet=st.characters(categories=["C", "Z", "L", "M"])))
@@ -21,41 +20,30 @@ def test_nothing_that_steers_a_terminal_is_printed(text: str) -> None:
     assert shown.splitlines() in ([shown], [])
 
 
-def test_printable_leaves_letters_alone_and_names_the_rest() -> None:
+def test_what_people_read() -> None:
     assert printable("grüßen 手") == "grüßen 手"
     assert printable("a\x1b[2J\n\u202e\udc80\u2028") == r"a\x1b[2J\n\u202e\udc80\u2028"
-
-
-def test_table_aligns_by_what_a_terminal_shows() -> None:
+    assert [plural(n, "clip") for n in (0, 1, 2)] == ["0 clips", "1 clip", "2 clips"]
+    assert table(("a", "b"), [], indent="  ") == "  a  b"
     rows = [("手", 1, 0.5, "x"), ("e\u0301tude", 10, 12.25, "")]
     assert table(("action", "n", "m", "note"), rows) == (
         "action   n      m  note\n手       1   0.50  x\ne\u0301tude   10  12.25"
     )
 
 
-def test_table_without_rows_is_its_header() -> None:
-    assert table(("a", "b"), [], indent="  ") == "  a  b"
-
-
-def test_numbers_in_json_are_short_and_finite() -> None:
+def test_json_is_ascii_and_its_numbers_are_short_and_finite(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     values = {"a": [0.123456789, 1234567.0, 1234567], "b": (float("nan"), {"c": float("inf")})}
-    assert json.loads(json_text(values)) == {
+    write_json({"label": "手\x9b\x1b\udc80", **values})
+    written = capsys.readouterr().out
+    assert written.isascii()
+    assert written.replace("\n", "").isprintable()
+    assert json.loads(written) == {
+        "label": "手\x9b\x1b\udc80",
         "a": [0.123457, 1234570.0, 1234567],
         "b": [None, {"c": None}],
     }
-
-
-def test_json_is_ascii(capsys: pytest.CaptureFixture[str]) -> None:
-    value = {"label": "手\x9b\x1b\udc80"}
-    write_json(value)
-    written = capsys.readouterr().out
-    assert written.isascii()
-    assert written.rstrip("\n").replace("\n", "").isprintable()
-    assert json.loads(written) == value
-
-
-def test_plural() -> None:
-    assert [plural(n, "clip") for n in (0, 1, 2)] == ["0 clips", "1 clip", "2 clips"]
 
 
 def test_progress_passes_everything_on_and_is_silent_without_a_terminal(

@@ -36,34 +36,21 @@ def test_videos_are_shared_where_there_are_enough(
     assert sharing(paths(0, others=100), ReadOptions()) == 1
 
 
-@pytest.fixture
-def one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_clip_comes_with_what_was_read_or_what_is_wrong_once_it_is_wanted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(reading, "cores", lambda: 1)
+    asked = []
 
-
-@pytest.mark.usefixtures("one_core")
-def test_each_clip_comes_with_what_was_read_or_what_is_wrong() -> None:
     def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
+        asked.append(path.stem)
         if path.stem == "1":
             raise ClipError(f"{path}: broken")
         assert shown
         return CLIP
 
-    found = list(read_each(paths(3), ReadOptions(), shown=True, read=read))
-    assert [path.name for path, _ in found] == ["0.mp4", "1.mp4", "2.mp4"]
-    assert found[0][1] is found[2][1] is CLIP
-    assert str(found[1][1]) == "1.mp4: broken"
-
-
-@pytest.mark.usefixtures("one_core")
-def test_nothing_is_read_before_it_is_wanted() -> None:
-    asked = []
-
-    def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
-        asked.append(path.name)
-        return CLIP
-
-    clips = read_each(paths(3), ReadOptions(), shown=False, read=read)
-    next(clips)
-    clips.close()
-    assert asked == ["0.mp4"]
+    clips = read_each(paths(3), ReadOptions(), shown=True, read=read)
+    assert (next(clips), asked) == ((Path("0.mp4"), CLIP), ["0"])
+    broken, last = clips
+    assert (str(broken[0]), str(broken[1])) == ("1.mp4", "1.mp4: broken")
+    assert last == (Path("2.mp4"), CLIP)

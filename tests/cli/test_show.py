@@ -71,18 +71,6 @@ def test_a_terminal_without_unicode_gets_ascii(run: Run, filled: SupportStore) -
     assert "\\u28" not in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("file", "message"),
-    [("a.jpg", "drawings are written as"), ("none/a.png", "folder does not exist")],
-)
-def test_files_that_cannot_be_are_told_first(
-    invoke: Invoke, tmp_path: Path, file: str, message: str
-) -> None:
-    result = invoke("show", "nothing enrolled", "-o", tmp_path / file)
-    assert result.exit_code == 2
-    assert message in result.stderr
-
-
 def test_missing_pillow_is_named_with_the_way_out(
     invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

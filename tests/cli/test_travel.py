@@ -38,14 +38,8 @@ def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_pa
         for query in QUERIES:
             (folder / query).parent.mkdir(exist_ok=True)
             shutil.copy(EXAMPLES / f"{query}.npz", folder / f"{query}.npz")
-        environment = {
-            **os.environ,
-            "ACTIONCLI_HOME": str(folder / "home"),
-            "LANG": language,
-            "LC_ALL": language,
-            "OMP_NUM_THREADS": "1",
-            "OPENBLAS_NUM_THREADS": "1",
-        }
+        environment = {**os.environ, "ACTIONCLI_HOME": str(folder / "home"), "LANG": language}
+        environment |= {"LC_ALL": language, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         machines.append({"cwd": folder, "env": environment})
     here, there = machines
     (here["cwd"] / "home").mkdir(mode=0o700)
