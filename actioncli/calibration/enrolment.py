@@ -12,12 +12,15 @@ import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import StoreError, UsageError
-from actioncli.recognition.decision import Decision
+from actioncli.recognition.decision import Decision, compared
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.recognition.support import SupportSet
 from actioncli.recognition.threshold import DEFAULT_TAU, Threshold
 from actioncli.store.names import NEGATIVES, check_label
 from actioncli.store.store import SupportStore
+
+# Of a threshold: less confident likenesses are not worth a warning.
+_NOT_FAR = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,14 +147,21 @@ def enrolment_warnings(decision: Decision, label: str, threshold: Threshold) -> 
     confidence = {ranked.label: ranked.confidence for ranked in decision.ranking}
     own = confidence.pop(label, None)
     found = []
+
+    def beside(other: str) -> str:
+        return f"`{other}`: {compared(confidence[other], threshold.of(other))}"
+
     if own is not None and own <= threshold.of(label):
-        found.append(f"unlike the other examples of `{label}`, {own:.2f}")
+        about = compared(own, threshold.of(label))
+        found.append(f"unlike the other examples of `{label}`: {about}")
     if own is not None and decision.negative_is_nearer:
         found.append("closest to a negative")
     if own is not None and nearest.label != label:
-        return [*found, f"closest to `{nearest.label}`, {nearest.confidence:.2f}"]
+        # What lies far below the threshold is like nothing.
+        if nearest.confidence > threshold.of(nearest.label) * _NOT_FAR:
+            found.append(f"closest to {beside(nearest.label)}")
+        return found
     like = max(confidence, key=lambda other: confidence[other], default=label)
     if like != label and confidence[like] > threshold.of(like):
-        close = "closest to" if own is None else "also like"
-        found.append(f"{close} `{like}`, {confidence[like]:.2f}")
+        found.append(f"{'closest to' if own is None else 'also like'} {beside(like)}")
     return found

@@ -90,6 +90,8 @@ class Trials:
             negative is nearer.
         nearest: (N,) number of that action.
         shown: (N,) number of the action that a known query shows; -1 of unknown queries.
+        stored: (N,) whether it is a stored negative. Its score is that without itself, which says
+            what to expect of others like it; the support set itself rejects it.
         motion: (N,) unknown queries of equal number show the same motion, as do known ones.
     """
 
@@ -100,6 +102,7 @@ class Trials:
     nearest: NDArray[np.intp]
     shown: NDArray[np.intp]
     motion: NDArray[np.intp]
+    stored: NDArray[np.bool_]
 
     def motions(self, asked: NDArray[np.bool_]) -> int:
         """How many different motions queries (N,) show."""
@@ -124,7 +127,7 @@ class Trials:
         asked = (self.kind != KNOWN) if kind is None else (self.kind == kind)
         if action is not None:
             asked = asked & (self.nearest == action)
-        return self._rate(self.accepted(tau), asked)
+        return self._rate(self.accepted(tau) & ~self.stored, asked)
 
     def false_rejects(self, tau: ArrayLike, action: int | None = None) -> Rate:
         """Known queries, of one action or of all, that are rejected."""
@@ -197,6 +200,7 @@ def run_trials(
         shown=np.concatenate([action[left], np.full(len(clip) - len(left), -1)]),
         # Known examples are rejected one by one, for being bad ones.
         motion=np.where(kind == KNOWN, clip, motion),
+        stored=(clip >= n) & (clip < n + len(negatives)),
     )
 
 

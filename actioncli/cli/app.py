@@ -20,16 +20,16 @@ from types import MappingProxyType
 from typing import Any, NoReturn
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from actioncli._version import __version__
 from actioncli.cli.command import DebugOption, JsonOption, QuietOption, Settings, StoreOption
 from actioncli.cli.output import (
     OutputError,
+    disk_is_full,
     error_entry,
     note,
-    output_errors,
     printable,
     say,
     write_json,
@@ -67,6 +67,8 @@ EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 
 
+# Commands that do nothing but answer on standard output.
+_ANSWERS = {"classify", "list-support", "show", "evaluate"}
 # What people type, and what they mean.
 _MEANT = {
     "list": "list-support",
@@ -80,16 +82,8 @@ _MEANT = {
 def _build(name: str) -> Any:
     module, _, function = COMMANDS[name].partition(":")
     single = typer.Typer(add_completion=False, rich_markup_mode=None)
-    single.command(name, cls=Command)(getattr(import_module(module), function))
+    single.command(name)(getattr(import_module(module), function))
     return typer.main.get_command(single)
-
-
-class Command(TyperCommand):
-    """A command; its help may find nowhere to go."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        with output_errors():
-            return super().parse_args(ctx, args)
 
 
 class Application(TyperGroup):
@@ -107,12 +101,9 @@ class Application(TyperGroup):
                 self.commands[name] = _build(name)
         return self.commands.get(cmd_name)
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        with output_errors():
-            return super().parse_args(ctx, args)
-
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run, and end the process with an exit code."""
+        closed = sys.stdout is None
         _replace_closed_streams()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
@@ -120,6 +111,8 @@ class Application(TyperGroup):
                 stream.reconfigure(errors="backslashreplace")
         words = list(sys.argv[1:] if args is None else args)
         try:
+            if closed and not _ANSWERS.isdisjoint(words):
+                raise OutputError("standard output is closed, and the answer would be lost.")
             with _ended_like_ctrl_c():
                 code = super().main(args, *rest, **{**extra, "standalone_mode": False})
         except TyperException as error:
@@ -130,7 +123,7 @@ class Application(TyperGroup):
             message = f"{wrong}{'' if wrong.endswith(('.', '?')) else '.'} See '{command} --help'."
             settings = Settings(json="--json" in words, debug="--debug" in words)
             code = _report(UsageError(message), settings)
-        except (typer.Abort, OutputError) as error:
+        except (typer.Abort, OSError, OutputError) as error:
             code = _report(error, Settings())
         sys.exit(code if isinstance(code, int) else 0)
 
@@ -158,10 +151,13 @@ def _report(error: BaseException, settings: Settings) -> int:
     if isinstance(error, FileNotFoundError) and _in_no_folder():
         error = UsageError("The folder that this runs in is gone; go to another one (cd).")
     code, text = EXIT_UNEXPECTED, str(error)
-    if isinstance(error, OutputError):
+    full = disk_is_full(error)
+    if isinstance(error, OutputError) or (full and isinstance(error, OSError)):
         _drop_output()
-        settings = Settings()
-    if isinstance(error, ActionCliError):
+        settings = Settings(debug=settings.debug)
+    if isinstance(error, OSError) and full:
+        text = f"the output cannot be written: {error.strerror}."
+    elif isinstance(error, ActionCliError):
         code = error.exit_code
     elif isinstance(error, KeyboardInterrupt | typer.Abort):
         code, text = EXIT_INTERRUPTED, "interrupted"
@@ -170,6 +166,8 @@ def _report(error: BaseException, settings: Settings) -> int:
     else:
         kind = type(error).__name__
         text = f"unexpected {kind}: {error} (this is a bug; --debug shows where)"
+    if full:
+        code = OutputError.exit_code
     text = " ".join(text.splitlines())
     # Where nothing can be written, the exit code alone tells.
     with contextlib.suppress(OutputError, BrokenPipeError):
@@ -269,8 +267,8 @@ def root(
       4    the support set is empty, or a label is not in it
       5    the support set's file, or an exported one, cannot be used
       6    the weights cannot be used
-      70   a bug        74   the output could not be written
-      130  interrupted  141  the output was closed
+      70   a bug        74   the output could not be written, or a disk is full
+      130  interrupted  141  nobody reads the output any more
     Where clips were rejected and others could not be read, it is 3.
 
     With --json, standard output holds one JSON document and nothing else; an error that ends a

@@ -17,8 +17,8 @@ import typer
 
 from actioncli._version import __version__
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import check_place, load_support
-from actioncli.cli.options import ArchiveReading, TauOption, WeightsOption, checked_tau
+from actioncli.cli.common import check_output, load_support
+from actioncli.cli.options import ArchiveReading, TauOption, WeightsOption, file_named
 from actioncli.cli.output import note, plural, printable, progress, say, write_json
 from actioncli.errors import ClipError, UsageError
 from actioncli.pose.read import ReadOptions
@@ -36,6 +36,7 @@ def batch(
         typer.Argument(
             metavar="INPUT",
             help="A folder, a pattern such as 'archive/*.mp4', a clip or a video.",
+            parser=file_named,
         ),
     ],
     output: Annotated[
@@ -91,7 +92,7 @@ def batch(
 
     \b
     JSON keys:
-      output, tau, actions, files, done_before, accepted, rejected, failed, seconds
+      output, weights, tau, actions, files, done_before, accepted, rejected, failed, seconds
 
     The exit code is 3 where files could not be used; rejected ones do not change it.
     """
@@ -105,9 +106,7 @@ def batch(
     for asked, package in ((output.suffix.lower() == ".parquet", "pyarrow"), (ray, "ray")):
         if asked and not find_spec(package):
             raise UsageError(f"this needs {package}: pip install 'actioncli[ray]'.")
-    if tau is not None:
-        checked_tau(tau)
-    check_place(output)
+    check_output(output)
     task = _task(settings, weights, tau, options)
     basis = {"INPUT": storable(str(recordings.absolute())), **_basis(task)}
 
@@ -134,6 +133,7 @@ def batch(
         write_json(
             {
                 "output": str(output),
+                "weights": task.support.recognizer.weights.checksum,
                 "tau": task.support.threshold.tau,
                 "actions": len(task.support.actions),
                 "files": found["files"],

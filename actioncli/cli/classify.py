@@ -15,8 +15,14 @@ import typer
 
 from actioncli.archives.processes import cores, in_processes
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import load_support, tell_notes
-from actioncli.cli.options import ClipArguments, ClipReading, TauOption, WeightsOption
+from actioncli.cli.common import check_output, load_support, tell_notes
+from actioncli.cli.options import (
+    ClipArguments,
+    ClipReading,
+    ForceOption,
+    TauOption,
+    WeightsOption,
+)
 from actioncli.cli.output import printable, progress, say, steps, table, write_json
 from actioncli.cli.reading import read_shown, report_bad_clip, sharing
 from actioncli.cli.video import check_annotation, read_annotated, write_annotation
@@ -54,6 +60,7 @@ def classify(
             metavar="FILE.mp4", help="Write the video with skeleton, label and confidence drawn."
         ),
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Name the action that clips show, or reject them.
 
@@ -76,7 +83,7 @@ def classify(
 
     \b
     JSON keys:
-      tau, actions, clips, accepted, rejected, failed
+      tau, actions, weights, clips, accepted, rejected, failed
       clips[]: source, label, accepted, confidence, tau, nearest, nearest_negative, ranking
       clips[]: part, ms, notes, error
       clips[].part: start, end
@@ -88,15 +95,17 @@ def classify(
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from actioncli.recognition.recognizer import Recognizer
 
+    paths = find_any(clips)
     if annotate is not None:
-        check_annotation(clips, annotate, options.metrabs is not None)
+        check_annotation(paths, annotate, options.metrabs is not None)
+        check_output(annotate, paths, force)
     if explain is not None:
-        from actioncli.clips.read import find_clips
         from actioncli.report.explanation import check_page
 
         check_page(explain)
-        if len(find_clips(clips)) != 1:
+        if len(paths) != 1:
             raise UsageError("--explain tells about one clip: name one file, and no other.")
+        check_output(explain, paths, force)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = load_support(settings, store, recognizer, tau)
@@ -115,7 +124,7 @@ def classify(
     read = read_shown if annotate is None and explain is None else keeping
     entries: list[dict[str, object]] = []
     failed = rejected = 0
-    decided = _decided(settings, find_any(clips), options, read, support)
+    decided = _decided(settings, paths, options, read, support)
     for path, decision, milliseconds in decided:
         if isinstance(decision, ClipError):
             failed += 1
@@ -123,6 +132,7 @@ def classify(
             continue
         if annotate is not None:
             write_annotation(path, annotate, kept[1], decision, shown=not settings.quiet)
+            settings.tell(f"drawn in {printable(annotate)}")
         if explain is not None:
             _explain(settings, support, kept[0], decision, explain)
         rejected += not decision.accepted
@@ -133,9 +143,10 @@ def classify(
             _print(str(path), decision, 0 if settings.quiet else top, milliseconds)
     if settings.json:
         enrolled = {"tau": support.threshold.tau, "actions": len(support.actions)}
+        used = {"weights": recognizer.weights.checksum}
         accepted = len(entries) - rejected - failed
         counts = {"accepted": accepted, "rejected": rejected, "failed": failed}
-        write_json({**enrolled, "clips": entries, **counts})
+        write_json({**enrolled, **used, "clips": entries, **counts})
     if failed:
         raise typer.Exit(ClipError.exit_code)
     if rejected:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
@@ -72,26 +72,18 @@ class Settings:
             note(line)
 
 
+@dataclass(frozen=True, slots=True)
 class Options:
-    """In the annotation of a command's parameter: it is made of several options."""
+    """In the annotation of a command's parameter: some parameters of `make`, which are options as
+    those of a command are, make its value."""
 
-    def __init__(self, make: Callable[..., object], *parts: Callable[..., dict[str, Any]]) -> None:
-        """Take functions of options, annotated as those of a command are, and what makes the
-        value of all that they give, by name."""
-        self._make, self._parts = make, parts
+    make: Callable[..., object]
+    names: str
 
-    def parameters(self) -> Iterator[inspect.Parameter]:
+    def parameters(self) -> list[inspect.Parameter]:
         """What the command takes instead of the one parameter."""
-        for part in self._parts:
-            yield from inspect.signature(part, eval_str=True).parameters.values()
-
-    def value(self, arguments: dict[str, Any]) -> object:
-        """The value of the parameter; takes its options out of `arguments`."""
-        fields: dict[str, Any] = {}
-        for part in self._parts:
-            names = inspect.signature(part).parameters
-            fields |= part(**{name: arguments.pop(name) for name in names})
-        return self._make(**fields)
+        found = inspect.signature(self.make, eval_str=True).parameters
+        return [found[name] for name in self.names.split()]
 
 
 def command(function: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
@@ -121,7 +113,7 @@ def command(function: Callable[Concatenate[Settings, P], None]) -> Callable[...,
         # Kept at the root, where an error that leaves the command is reported.
         root.obj = root.obj.merged(Settings(**{name: arguments.pop(name) for name in shared}))
         for name, group in groups.items():
-            arguments[name] = group.value(arguments)
+            arguments[name] = group.make(**{n: arguments.pop(n) for n in group.names.split()})
         body(root.obj, **arguments)
 
     # What Typer reads to learn a command's parameters. In a function what has no default comes

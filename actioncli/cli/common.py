@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from actioncli.cli.options import checked_tau
 from actioncli.cli.output import printable
 from actioncli.errors import UsageError
+from actioncli.files import weights_file
 
 if TYPE_CHECKING:
     from actioncli.cli.command import Settings
@@ -23,16 +23,30 @@ def tell_notes(settings: Settings, path: Path, notes: Sequence[str]) -> None:
         settings.tell(f"note: {printable(path)}: {printable(line)}")
 
 
-def check_place(output: Path) -> None:
-    """Refuse, before any work, to write where no file can be.
+def check_output(output: Path, inputs: Iterable[Path] = (), force: bool = True) -> None:
+    """Refuse, before any work, to write where no file can be, or over what is not to be lost.
+
+    Args:
+        inputs: files that are read; none of them is written over, by whatever name.
+        force: write over another file, too. A page that this tool made is always written anew.
 
     Raises:
-        UsageError: there is no such folder, or a folder has this name.
+        UsageError: there is no such folder, a folder has this name, or such a file stands there.
     """
     if output.is_dir():
         raise UsageError(f"{output}: is a folder; name a file in it.")
     if not output.parent.is_dir():
         raise UsageError(f"{output}: there is no folder {output.parent}.")
+    for file in inputs:
+        if output == file or (output.exists() and file.exists() and output.samefile(file)):
+            raise UsageError(f"{output}: is {file} itself; it is not written over.")
+    if not force and output.is_file() and not _is_own_page(output):
+        raise UsageError(f"{output}: stands there; --force writes over it.")
+
+
+def _is_own_page(file: Path) -> bool:
+    pages = {".html", ".htm"}
+    return file.suffix.lower() in pages and "Made by actioncli" in file.read_text(errors="replace")
 
 
 def load_support(
@@ -44,9 +58,16 @@ def load_support(
         SupportError: nothing is enrolled.
         UsageError: `tau` is not within [0, 1].
     """
+    from actioncli.model.weights import DEFAULT_WEIGHTS
     from actioncli.recognition.support import SupportSet
 
-    support = SupportSet.load(store, recognizer, None if tau is None else checked_tau(tau))
+    if tau is not None and not 0 <= tau <= 1:
+        raise UsageError(f"tau must lie between 0 and 1, not {tau:g}.")
+    if recognizer.weights.path != weights_file(DEFAULT_WEIGHTS):
+        settings.tell(
+            f"weights: {printable(recognizer.weights.path)} ({recognizer.weights.checksum})"
+        )
+    support = SupportSet.load(store, recognizer, tau)
     support.require_actions()
     if support.foreign_threshold is not None:
         settings.tell(

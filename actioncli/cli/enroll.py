@@ -10,7 +10,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import tell_notes
-from actioncli.cli.options import ClipReading, WeightsOption, complete_label
+from actioncli.cli.options import ClipReading, WeightsOption, complete_label, file_named
 from actioncli.cli.output import plural, printable, say, write_json
 from actioncli.cli.reading import read_each, usable
 from actioncli.errors import ClipError, UsageError, WeightsError
@@ -37,6 +37,7 @@ def enroll(
         typer.Argument(
             metavar="CLIP...",
             help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
+            parser=file_named,
         ),
     ] = None,
     *,
@@ -47,8 +48,10 @@ def enroll(
     weights: WeightsOption = None,
     options: ClipReading,
     camera: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Record from this camera; the first one is 0."),
+        str | None,
+        typer.Option(
+            metavar="N|URL", help="Record from this camera; the first one is 0. Or its address."
+        ),
     ] = None,
     seconds: Annotated[
         float, typer.Option(metavar="SECONDS", min=0.5, max=60, help="How long to record.")
@@ -78,7 +81,7 @@ def enroll(
 
     \b
     JSON keys:
-      label, negative, clips, added, known, failed
+      label, negative, weights, clips, added, known, failed
       clips[]: source, example, added, frames, seconds, notes, warnings, error
       clips[].error: type, message, exit_code
     """
@@ -134,13 +137,14 @@ def enroll(
     if settings.json:
         added = sum(one.added for one in enrolled)
         counts = {"added": added, "known": len(enrolled) - added, "failed": failed}
-        write_json({"label": label, "negative": negative, "clips": entries, **counts})
+        used = {"weights": recognizer and recognizer.weights.checksum}
+        write_json({"label": label, "negative": negative, **used, "clips": entries, **counts})
     if failed:
         raise typer.Exit(ClipError.exit_code)
 
 
 def _given(
-    settings: Settings, paths: list[Path], options: ReadOptions, camera: int | None, seconds: float
+    settings: Settings, paths: list[Path], options: ReadOptions, camera: str | None, seconds: float
 ) -> Iterable[tuple[Path, Clip | ClipError]]:
     """The clips of files, or the one that a camera records."""
     if camera is None:
@@ -150,7 +154,8 @@ def _given(
 
     outcome: Clip | ClipError
     try:
-        outcome = record(settings, camera, seconds, options.quality or DEFAULT_QUALITY)
+        source = int(camera) if camera.isdecimal() else camera
+        outcome = record(settings, source, seconds, options.quality or DEFAULT_QUALITY)
     except ClipError as unusable:
         outcome = unusable
     return [(Path(f"camera {camera}"), outcome)]

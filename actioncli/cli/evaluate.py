@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import check_place, tell_notes
+from actioncli.cli.common import check_output, tell_notes
 from actioncli.cli.options import WeightsOption
 from actioncli.cli.output import printable, progress, say, steps, table, write_json
 from actioncli.errors import UsageError
@@ -132,7 +132,7 @@ def evaluate(
     if json is not None and not to_stdout:
         if str(json).startswith("-"):
             raise UsageError("--json needs a file here, or - for standard output.")
-        check_place(json)
+        check_output(json)
 
     parts = read_splits(splits) if splits else None
     read = _read(settings, collections)

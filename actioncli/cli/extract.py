@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import check_place, tell_notes
-from actioncli.cli.options import VideoReading
+from actioncli.cli.common import check_output, tell_notes
+from actioncli.cli.options import ForceOption, VideoReading, file_named
 from actioncli.cli.output import plural, printable, say, write_json
 from actioncli.cli.reading import read_each, report_bad_clip
 from actioncli.cli.video import video_progress
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 def extract(
     settings: Settings,
     videos: Annotated[
-        list[Path], typer.Argument(metavar="VIDEO...", help="Videos, folders of them, or patterns.")
+        list[Path],
+        typer.Argument(
+            metavar="VIDEO...", help="Videos, folders of them, or patterns.", parser=file_named
+        ),
     ],
     *,
     output: Annotated[
@@ -41,12 +44,14 @@ def extract(
             show_default=False,
         ),
     ] = None,
+    force: ForceOption = False,
     options: VideoReading,
 ) -> None:
     """Write the skeleton in a video to a file.
 
     What is written, enroll and classify read. The part in which the person moves is taken;
-    --start 0 takes the whole video. A video that cannot be used is reported and left out, and
+    --start 0 takes the whole video. Where two videos of one name come from several folders, their
+    files stand in such folders too. A video that cannot be used is reported and left out, and
     the exit code is 3.
 
     \b
@@ -67,7 +72,7 @@ def extract(
     from actioncli.pose.read import ReadOptions, read_person
 
     paths = find_clips(videos, tuple(VIDEO_SUFFIXES))
-    targets = _targets(paths, output, format)
+    targets = _targets(paths, output, format, force)
 
     def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
         with video_progress(path, shown=shown) as progress:
@@ -80,6 +85,7 @@ def extract(
         try:
             if isinstance(clip, ClipError):
                 raise clip
+            target.parent.mkdir(parents=True, exist_ok=True)
             write_clip(target, clip, format or (None if target == output else "npz"))
         except ClipError as error:
             failed += 1
@@ -108,12 +114,11 @@ def extract(
         raise typer.Exit(ClipError.exit_code)
 
 
-def _targets(paths: list[Path], output: Path, format: str | None) -> list[Path]:
+def _targets(paths: list[Path], output: Path, format: str | None, force: bool) -> list[Path]:
     """The file to write for each video.
 
     Raises:
-        UsageError: the format is unknown, there is no such folder, or a file would be written
-            twice or over a video.
+        UsageError: the format is unknown, there is no such folder, or a file stands there.
     """
     from actioncli.clips.write import WRITERS
 
@@ -125,21 +130,27 @@ def _targets(paths: list[Path], output: Path, format: str | None) -> list[Path]:
                 f"{output}: its name does not say how to write it; end it in "
                 f"{', '.join('.' + kind for kind in WRITERS)}, or give --format."
             )
-        check_place(output)
-        targets = [output]
-    else:
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UsageError(
-                f"{output}: several videos are written to a folder, and this is none: "
-                f"{error.strerror}."
-            ) from error
-        targets = [output / f"{path.stem}.{format or 'npz'}" for path in paths]
-    twice, count = Counter(targets).most_common(1)[0]
-    if count > 1:
-        raise UsageError(f"{twice}: two of the videos have this name; extract them one by one.")
-    written_over = {path.resolve() for path in paths} & {target.resolve() for target in targets}
-    if written_over:
-        raise UsageError(f"{written_over.pop()}: is one of the videos; it is not written over.")
+        check_output(output, paths, force)
+        return [output]
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"{output}: several videos are written to a folder, and this is none: {error.strerror}."
+        ) from error
+    above = os.path.commonpath([path.absolute().parent for path in paths])
+    below = [output / path.absolute().relative_to(above) for path in paths]
+    # By the plainest names that are different, also on drives that ignore case.
+    named: list[Path] = []
+    for named in (
+        [output / path.stem for path in paths],
+        [path.with_suffix("") for path in below],
+        below,
+    ):
+        if len({str(name).casefold() for name in named}) == len(paths):
+            break
+    targets = [name.with_name(f"{name.name}.{format or 'npz'}") for name in named]
+    for target in targets:
+        if target.parent.is_dir():
+            check_output(target, paths, force)
     return targets

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -41,13 +41,22 @@ def complete_layout(incomplete: str) -> list[str]:
     return [name for name in LAYOUTS if name.startswith(incomplete)]
 
 
+def file_named(name: str) -> Path:
+    """An argument as a path; an empty one, such as a variable that is not set, is none."""
+    if not name:
+        raise typer.BadParameter("a name is empty.")
+    return Path(name)
+
+
 ClipArguments = Annotated[
     list[Path],
     typer.Argument(
         metavar="CLIP...",
         help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
+        parser=file_named,
     ),
 ]
+ForceOption = Annotated[bool, typer.Option("--force", help="Write over a file that stands there.")]
 LayoutOption = Annotated[
     str | None,
     typer.Option(
@@ -116,24 +125,11 @@ PoseModelOption = Annotated[
 ]
 
 
-def file_options(
+def read_options(
     layout: LayoutOption = None,
     unit: UnitOption = None,
     up: UpOption = None,
     fps: FpsOption = None,
-) -> dict[str, Any]:
-    """What files of joints leave open, as fields of `ReadOptions`."""
-    return {"layout": layout, "unit": unit, "up": up, "fps": fps}
-
-
-def archive_options(
-    quality: QualityOption = None, person: PersonOption = None, cache: CacheOption = True
-) -> dict[str, Any]:
-    """How to look at any video, as fields of `ReadOptions`."""
-    return {"quality": quality and checked_quality(quality), "person": person, "cache": cache}
-
-
-def video_options(
     start: StartOption = None,
     end: EndOption = None,
     quality: QualityOption = None,
@@ -141,28 +137,19 @@ def video_options(
     cache: CacheOption = True,
     pose: PoseOption = "blazepose",
     pose_model: PoseModelOption = None,
-) -> dict[str, Any]:
-    """How to look at videos, as fields of `ReadOptions`."""
+) -> ReadOptions:
+    """What the options say; a command takes those that mean something to it."""
+    network = quality and checked_quality(quality)
     model = chosen_pose_model(pose, pose_model)
-    shared = archive_options(quality, person, cache)
-    return {"start": start, "end": end, **shared, "metrabs": model}
+    return ReadOptions(layout, fps, unit, up, start, end, network, person, cache, model)
 
 
-FileReading = Annotated[ReadOptions, Options(ReadOptions, file_options)]
-ArchiveReading = Annotated[ReadOptions, Options(ReadOptions, file_options, archive_options)]
-VideoReading = Annotated[ReadOptions, Options(ReadOptions, video_options)]
-ClipReading = Annotated[ReadOptions, Options(ReadOptions, file_options, video_options)]
-
-
-def checked_tau(tau: float) -> float:
-    """`tau` if it is a threshold.
-
-    Raises:
-        UsageError: it is not within [0, 1].
-    """
-    if not 0 <= tau <= 1:
-        raise UsageError(f"tau must lie between 0 and 1, not {tau:g}.")
-    return tau
+_FILE, _PERSON = "layout unit up fps", "quality person cache"
+_VIDEO = f"start end {_PERSON} pose pose_model"
+FileReading = Annotated[ReadOptions, Options(read_options, _FILE)]
+ArchiveReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_PERSON}")]
+VideoReading = Annotated[ReadOptions, Options(read_options, _VIDEO)]
+ClipReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_VIDEO}")]
 
 
 def checked_quality(quality: str | None) -> str:

@@ -6,6 +6,7 @@ rich is imported only when a progress bar is drawn: importing it takes longer th
 from __future__ import annotations
 
 import contextlib
+import errno
 import sys
 import time
 import unicodedata
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+# Also where a file or a user may grow no further; SQLite has codes of its own.
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_SQLITE_UNWRITTEN = {13, 778}  # SQLITE_FULL, SQLITE_IOERR_WRITE
 # Work that ends sooner needs no progress bar.
 _PATIENCE_SECONDS = 2.0
 
@@ -41,15 +45,15 @@ class OutputError(ActionCliError):
     exit_code = 74
 
 
-@contextlib.contextmanager
-def output_errors() -> Iterator[None]:
-    """What keeps output from being written is an `OutputError`, but for a reader that is gone."""
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        raise OutputError(f"the output cannot be written: {error.strerror}.") from error
+def disk_is_full(error: BaseException | None) -> bool:
+    """Whether that is what is behind an error, whatever was to be written."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in _FULL:
+            return True
+        if getattr(error, "sqlite_errorcode", None) in _SQLITE_UNWRITTEN:
+            return True
+        error = error.__cause__
+    return False
 
 
 def say(line: str = "", err: bool = False) -> None:
@@ -59,8 +63,12 @@ def say(line: str = "", err: bool = False) -> None:
         BrokenPipeError: nobody reads it any more.
         OutputError: it cannot be written.
     """
-    with output_errors():
+    try:
         typer.echo(line, err=err)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputError(f"the output cannot be written: {error.strerror}.") from error
 
 
 def note(line: str) -> None:

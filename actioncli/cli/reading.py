@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.archives.processes import cores, in_processes
-from actioncli.cli.output import error_entry, note, printable, progress
+from actioncli.cli.output import disk_is_full, error_entry, note, printable, progress
 from actioncli.cli.video import video_progress
 from actioncli.errors import ClipError
 from actioncli.pose.read import ReadOptions, is_video, read_any
@@ -89,6 +89,12 @@ def usable(
 
 
 def report_bad_clip(path: Path, error: ClipError) -> dict[str, object]:
-    """Report that a clip is left out, and go on with the others; its entry in JSON."""
+    """Report that a clip is left out, and go on with the others; its entry in JSON.
+
+    Raises:
+        ClipError: this one, where a disk is full: so it would be for the others.
+    """
+    if disk_is_full(error):
+        raise error
     note(f"error: {printable(str(error))}")
     return {"source": str(path), "error": error_entry(error, error.exit_code)}

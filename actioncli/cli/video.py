@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from actioncli.cli.common import check_place
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -76,9 +75,6 @@ def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None
         raise UsageError("--annotate draws what BlazePose sees; leave out --pose metrabs.")
     if output.suffix.lower() != ".mp4":
         raise UsageError(f"--annotate writes MP4: let {output} end in .mp4.")
-    if output.resolve() == clips[0].resolve():
-        raise UsageError(f"{output}: is the video itself; it is not written over.")
-    check_place(output)
 
 
 def read_annotated(path: Path, options: ReadOptions, shown: bool) -> tuple[Clip, Poses]:
@@ -108,9 +104,8 @@ def write_annotation(
     """
     from actioncli.pose.annotate import annotate_video
 
-    verdict = (
-        f"rejected (nearest: {decision.nearest})" if decision.label is None else decision.label
-    )
-    lines = [verdict, decision.comparison]
+    verdict = decision.label or f"rejected (nearest: {decision.nearest})"
+    nearer = decision.negative_is_nearer
+    lines = [verdict, "a negative is nearer" if nearer else decision.comparison]
     with video_progress(output, shown=shown) as progress:
         annotate_video(video, output, poses, lines, progress)

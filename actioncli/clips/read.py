@@ -106,9 +106,10 @@ def walk_clips(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Iterato
 
 
 def _matching(pattern: Path, suffixes: Sequence[str]) -> Iterable[Path]:
+    # Folders that are there are meant by name, whatever their brackets would match.
+    there = next(folder for folder in pattern.parents if folder.is_dir())
     try:
-        matches = Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor)))
-        for match in matches:
+        for match in there.glob(str(pattern.relative_to(there))):
             # As in a shell, `*` does not stand for a dot at the beginning.
             if match.name.startswith(".") and not pattern.name.startswith("."):
                 continue

@@ -83,13 +83,8 @@ class Decision:
 
     @property
     def comparison(self) -> str:
-        """`confidence 0.93 > tau 0.50`, with as many digits as it takes to see that they differ."""
-        sign = ">" if self.confidence > self.tau else "<="
-        for digits in range(2, 7):
-            sure, tau = f"{self.confidence:.{digits}f}", f"{self.tau:.{digits}f}"
-            if sure != tau or self.confidence == self.tau:
-                break
-        return f"confidence {sure} {sign} tau {tau}"
+        """As `compared` has it."""
+        return compared(self.confidence, self.tau)
 
     def __bool__(self) -> bool:
         """Whether the clip is accepted."""
@@ -176,3 +171,12 @@ def decide(
 
 def _is_nearer(negative: float | None, action: Ranked) -> bool:
     return negative is not None and negative < action.distance
+
+
+def compared(confidence: float, tau: float) -> str:
+    """`confidence 0.93 > tau 0.50`, with as many digits as it takes to see that they differ."""
+    for digits in range(2, 7):
+        sure, threshold = f"{confidence:.{digits}f}", f"{tau:.{digits}f}"
+        if sure != threshold or confidence == tau:
+            break
+    return f"confidence {sure} {'>' if confidence > tau else '<='} tau {threshold}"

@@ -31,17 +31,36 @@ def decision(*ranked: tuple[str, float], negative: float | None = None) -> Decis
     ("seen", "expected"),
     [
         (decision(("wave", 0.9), ("clap", 0.2)), []),
-        (decision(("wave", 0.5)), ["unlike the other examples of `wave`, 0.50"]),
-        (decision(("clap", 0.81), ("wave", 0.9)), ["closest to `clap`, 0.81"]),
-        (decision(("clap", 0.1), ("wave", 0.9)), ["closest to `clap`, 0.10"]),
+        (
+            decision(("wave", 0.5)),
+            ["unlike the other examples of `wave`: confidence 0.50 <= tau 0.50"],
+        ),
+        (
+            decision(("clap", 0.81), ("wave", 0.9)),
+            ["closest to `clap`: confidence 0.81 > tau 0.50"],
+        ),
+        (
+            decision(("clap", 0.1), ("wave", 0.9)),
+            [],
+        ),
+        (
+            decision(("clap", 0.4996), ("wave", 0.9)),
+            ["closest to `clap`: confidence 0.4996 <= tau 0.5000"],
+        ),
         (
             decision(("clap", 0.81), ("wave", 0.1)),
-            ["unlike the other examples of `wave`, 0.10", "closest to `clap`, 0.81"],
+            [
+                "unlike the other examples of `wave`: confidence 0.10 <= tau 0.50",
+                "closest to `clap`: confidence 0.81 > tau 0.50",
+            ],
         ),
-        (decision(("wave", 0.9), ("bow", 0.6), ("clap", 0.81)), ["also like `clap`, 0.81"]),
+        (
+            decision(("wave", 0.9), ("bow", 0.6), ("clap", 0.81)),
+            ["also like `clap`: confidence 0.81 > tau 0.50"],
+        ),
         (decision(("wave", 0.9), negative=0.5), ["closest to a negative"]),
         # Its action has no other example.
-        (decision(("bow", 0.3), ("clap", 0.81)), ["closest to `clap`, 0.81"]),
+        (decision(("bow", 0.3), ("clap", 0.81)), ["closest to `clap`: confidence 0.81 > tau 0.50"]),
         (decision(("clap", 0.5), ("bow", 0.3)), []),
         (decision(("clap", 0.5), negative=0.5), []),
     ],
@@ -54,7 +73,7 @@ def test_thresholds_are_those_of_the_actions() -> None:
     seen = decision(("wave", 0.5), ("clap", 0.81))
     assert enrolment_warnings(seen, "wave", Threshold(0.9, "abc", {"wave": 0.4})) == []
     assert enrolment_warnings(seen, "wave", Threshold(0.4, "abc", {"clap": 0.8})) == [
-        "also like `clap`, 0.81"
+        "also like `clap`: confidence 0.81 > tau 0.80"
     ]
 
 
@@ -84,7 +103,7 @@ def test_an_example_like_another_action_comes_with_a_warning(
 ) -> None:
     enrol(store, recognizer, "squat", [SQUAT])
     (one,) = enrol(store, recognizer, "crouch", [OTHER])
-    assert one.warnings[0].startswith("closest to `squat`, ")
+    assert one.warnings[0].startswith("closest to `squat`: ")
     (one,) = enrol(store, recognizer, "", [OTHER], negative=True)
     assert (one.label, one.added, one.warnings) == ("negatives", True, ())
 

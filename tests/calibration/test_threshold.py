@@ -34,6 +34,7 @@ def trials_of(
         nearest=nearest.astype(np.intp),
         shown=shown.astype(np.intp),
         motion=np.arange(len(rows)) // alike,
+        stored=np.zeros(len(rows), bool),
     )
 
 

@@ -118,6 +118,10 @@ def test_as_near_to_a_negative_as_to_the_action_is_no_rejection(
     told = recognizer.classify(query[0], {"squat": squat}, 0, squat)
     assert told.accepted
     assert trials.score[trials.kind == "negatives"][1] == pytest.approx(told.confidence, rel=1e-4)
+    # What is enrolled as a negative is rejected, whatever is to be expected of others like it.
+    assert trials.score[trials.kind == "negatives"][0] > 0.5
+    found = trials.false_accepts(0, "negatives")
+    assert (found.count, found.of) == (1, 2)
 
 
 def test_one_example_an_action_tells_false_accepts_only(

@@ -76,7 +76,7 @@ def test_a_full_disk_takes_the_document_and_not_the_table(
     words = ["evaluate", toys / "one.npz", "--baseline", "always-reject", "--episodes", 2]
     with files_up_to(100):
         result = invoke(*words, "--json", file)
-    assert result.exit_code == 2
+    assert result.exit_code == 74
     assert f"{file}: cannot be written: File too large." in result.stderr
     assert "FSOS-ACC" in result.stdout
     assert file.read_text() == "before"

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from actioncli import Recognizer, SupportStore, read_clip
+from actioncli.recognition.decision import compared
 from actioncli.recognition.threshold import DEFAULT_TAU
 
 from .conftest import EXAMPLES, Ask, Invoke
@@ -104,11 +105,12 @@ def test_an_example_of_another_action_is_told(
     result = invoke("enroll", "squat", stray, "--json")
     assert result.exit_code == 0
     [entry] = json.loads(result.stdout)["clips"]
-    told = [f"closest to `kick`, {ranked['kick']:.2f}"]
+    told = [f"closest to `kick`: {compared(ranked['kick'], DEFAULT_TAU)}"]
     if ranked["squat"] <= DEFAULT_TAU:
-        told.insert(0, f"unlike the other examples of `squat`, {ranked['squat']:.2f}")
+        about = compared(ranked["squat"], DEFAULT_TAU)
+        told.insert(0, f"unlike the other examples of `squat`: {about}")
     assert (entry["added"], entry["warnings"]) == (True, told)
-    assert f"warning: {stray}: closest to `kick`, " in result.stderr
+    assert f"warning: {stray}: closest to `kick`: " in result.stderr
     # Once it is there, the same clip is told as such and not warned about.
     [again] = ask("enroll", "squat", stray)["clips"]
     assert (again["added"], again["warnings"]) == (False, [])
@@ -122,7 +124,8 @@ def test_clips_of_one_call_are_compared_with_one_another(ask: Ask, store: Suppor
     for n, entry in enumerate(entries):
         rest = {"squat": [clip for m, clip in enumerate(clips) if m != n]}
         confidence = recognizer.classify(clips[n], rest).confidence
-        told = [f"unlike the other examples of `squat`, {confidence:.2f}"]
+        about = compared(confidence, DEFAULT_TAU)
+        told = [f"unlike the other examples of `squat`: {about}"]
         assert entry["warnings"] == (told if confidence <= DEFAULT_TAU else [])
 
 

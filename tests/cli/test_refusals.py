@@ -19,7 +19,7 @@ USAGE = [
     ("enroll squat", "Missing argument 'CLIP...'"),
     ("enroll --negative", "Missing argument"),
     (f"enroll {__file__}", f"actioncli enroll LABEL {__file__}"),
-    ("enroll \x20 x.npy", "label"),
+    ("enroll \x20 x.npy", "a name is empty"),
     ("enroll a\x1b[31mb x.npy", "U+001B"),
     ("enroll \u3164 x.npy", "U+3164"),
     (f"enroll squat {SQUAT} --layout centaur", "--layout"),

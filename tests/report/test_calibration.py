@@ -30,7 +30,14 @@ DOCUMENT = {
 def trials(*scores: float) -> Trials:
     numbers, kinds = np.arange(len(scores)), np.full(len(scores), "cohort")
     return Trials(
-        ("<i>bow",), (1,), kinds, np.array(scores, float), 0 * numbers, 0 * numbers - 1, numbers
+        ("<i>bow",),
+        (1,),
+        kinds,
+        np.array(scores, float),
+        0 * numbers,
+        0 * numbers - 1,
+        numbers,
+        numbers < 0,
     )
 
 
