@@ -169,10 +169,9 @@ class Results:
 
     def add(self, row: Row) -> None:
         """Keep a row: from now on nothing but a power loss takes it away."""
-        _, _, _, failed, told = _values(row)
-        self._database.execute(
-            "UPDATE files SET failed = ?, row = ? WHERE source = ?", (failed, told, row["source"])
-        )
+        source, _, _, *values = _values(row)
+        update = "UPDATE files SET failed = ?, row = ? WHERE source = ?"
+        self._database.execute(update, (*values, source))
 
     def count(self) -> dict[str, int]:
         """How many `files` there are, and of them `done`, `accepted`, `rejected`, `failed`."""
@@ -269,16 +268,16 @@ def _state(path: Path) -> tuple[int | None, int | None]:
     """Size and time of change by which a changed file is noticed; None where there is none."""
     try:
         found = path.stat()
+        return found.st_size, found.st_mtime_ns
     except (OSError, ValueError):
         return None, None
-    return found.st_size, found.st_mtime_ns
 
 
 def _values(row: Row) -> tuple[object, ...]:
     """A row as the columns of the table `files`."""
-    told = {name: value for name, value in row.items() if value is not None}
-    state = [told.pop(name, None) for name in ("source", "size", "mtime_ns")]
-    return (*state, "error" in told, json.dumps(told))
+    values = {name: value for name, value in row.items() if value is not None}
+    state = [values.pop(name, None) for name in ("source", "size", "mtime_ns")]
+    return (*state, "error" in values, json.dumps(values))
 
 
 @contextmanager

@@ -65,18 +65,10 @@ EXIT_USAGE = 2
 EXIT_UNEXPECTED = 70
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
-
-
 # Commands that do nothing but answer on standard output.
 _ANSWERS = {"classify", "list-support", "show", "evaluate"}
 # What people type, and what they mean.
-_MEANT = {
-    "list": "list-support",
-    "ls": "list-support",
-    "help": "--help",
-    "version": "--version",
-    "enrol": "enroll",
-}
+_MEANT = {"list": "list-support", "ls": "list-support", "help": "--help", "version": "--version"}
 
 
 def _build(name: str) -> Any:
@@ -111,7 +103,7 @@ class Application(TyperGroup):
                 stream.reconfigure(errors="backslashreplace")
         words = list(sys.argv[1:] if args is None else args)
         try:
-            if closed and not _ANSWERS.isdisjoint(words):
+            if closed and next((word for word in words if word in COMMANDS), None) in _ANSWERS:
                 raise OutputError("standard output is closed, and the answer would be lost.")
             with _ended_like_ctrl_c():
                 code = super().main(args, *rest, **{**extra, "standalone_mode": False})
@@ -193,13 +185,9 @@ def _ended_like_ctrl_c() -> Iterator[None]:
     """What a terminal that is closed sends, and what a service is ended by, is like Ctrl-C: what
     was begun is tidied up, and what was found out is written."""
     # One that is ignored, as after nohup, stays so. Only the main thread may ask for signals.
-    caught = [
-        getattr(signal, name)
-        for name in ("SIGTERM", "SIGHUP")
-        if hasattr(signal, name)
-        and threading.current_thread() is threading.main_thread()
-        and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL
-    ]
+    main = threading.current_thread() is threading.main_thread()
+    found = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP") if main]
+    caught = [each for each in found if each and signal.getsignal(each) is signal.SIG_DFL]
     for each in caught:
         signal.signal(each, signal.default_int_handler)
     try:

@@ -21,7 +21,6 @@ from actioncli.cli.common import check_output, load_support
 from actioncli.cli.options import ArchiveReading, TauOption, WeightsOption, file_named
 from actioncli.cli.output import note, plural, printable, progress, say, write_json
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose.read import ReadOptions
 
 if TYPE_CHECKING:
     from actioncli.archives.batch import Task
@@ -99,7 +98,9 @@ def batch(
     # Files are shared by processes, which threads of their own would only disturb. Read when numpy
     # is imported.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    from actioncli.archives.batch import Task, decide
     from actioncli.archives.results import SUFFIXES, Results, storable
+    from actioncli.recognition.recognizer import Recognizer
 
     if output.suffix.lower() not in SUFFIXES:
         raise UsageError(f"{output}: tables are written as {' or '.join(SUFFIXES)}.")
@@ -107,7 +108,9 @@ def batch(
         if asked and not find_spec(package):
             raise UsageError(f"this needs {package}: pip install 'actioncli[ray]'.")
     check_output(output)
-    task = _task(settings, weights, tau, options)
+    recognizer = Recognizer(weights)
+    with settings.open_store() as store:
+        task = Task(load_support(settings, store, recognizer, tau), options)
     basis = {"INPUT": storable(str(recordings.absolute())), **_basis(task)}
 
     begun = time.monotonic()
@@ -115,9 +118,18 @@ def batch(
         _list(recordings, output, results)
         before = results.count()
         settings.tell(f"{plural(before['files'], 'file')}, {before['done']} of them done before")
+        left = before["files"] - before["done"]
+        decided = decide(task, results)
+        if ray is not None and left:
+            from actioncli.archives.cluster import decide_on_cluster
+
+            decided = decide_on_cluster(task, results, ray)
         try:
-            if before["done"] < before["files"]:
-                _decide(settings, task, ray, results)
+            with closing(decided) as rows:
+                for row in progress(rows, "Classifying", total=left, shown=not settings.quiet):
+                    results.add(row)
+                    if row.get("error") is not None:
+                        note(f"error: {printable(row['error'])}")
         except KeyboardInterrupt:
             kept = results.count()
             settings.tell(
@@ -128,54 +140,22 @@ def batch(
         found = results.count()
         results.finish()
     seconds = time.monotonic() - begun
-    told = {name: found[name] for name in ("accepted", "rejected", "failed")}
+    counts = {name: found[name] for name in ("accepted", "rejected", "failed")}
     if settings.json:
-        write_json(
-            {
-                "output": str(output),
-                "weights": task.support.recognizer.weights.checksum,
-                "tau": task.support.threshold.tau,
-                "actions": len(task.support.actions),
-                "files": found["files"],
-                "done_before": before["done"],
-                **told,
-                "seconds": seconds,
-            }
-        )
+        made = {
+            "output": str(output),
+            "weights": recognizer.weights.checksum,
+            "tau": task.support.threshold.tau,
+            "actions": len(task.support.actions),
+            "files": found["files"],
+            "done_before": before["done"],
+        }
+        write_json({**made, **counts, "seconds": seconds})
     else:
-        outcome = ", ".join(f"{count} {name}" for name, count in told.items())
+        outcome = ", ".join(f"{count} {name}" for name, count in counts.items())
         say(f"{printable(output)}: {plural(found['files'], 'file')}, {outcome} ({seconds:.0f} s)")
     if found["failed"]:
         raise typer.Exit(ClipError.exit_code)
-
-
-def _decide(settings: Settings, task: Task, address: str | None, results: Results) -> None:
-    from actioncli.archives.batch import decide
-
-    count = results.count()
-    left = count["files"] - count["done"]
-    if address is None:
-        decided = decide(task, results)
-    else:
-        from actioncli.archives.cluster import decide_on_cluster
-
-        decided = decide_on_cluster(task, results, address)
-    with closing(decided) as rows:
-        for row in progress(rows, "Classifying", total=left, shown=not settings.quiet):
-            results.add(row)
-            if row.get("error") is not None:
-                note(f"error: {printable(row['error'])}")
-
-
-def _task(
-    settings: Settings, weights: Path | None, tau: float | None, options: ReadOptions
-) -> Task:
-    from actioncli.archives.batch import Task
-    from actioncli.recognition.recognizer import Recognizer
-
-    recognizer = Recognizer(weights)
-    with settings.open_store() as store:
-        return Task(load_support(settings, store, recognizer, tau), options)
 
 
 def _basis(task: Task) -> dict[str, str]:

@@ -112,8 +112,8 @@ def classify(
 
     kept: list[Any] = []
 
-    def keeping(path: Path, options: ReadOptions, shown: bool) -> Clip:
-        """Read the one clip that is drawn, and keep what is drawn: a video is looked at once."""
+    def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
+        """Read a clip, and keep what is drawn of it: a video is looked at once."""
         if annotate is None:
             kept[:] = read_shown(path, options, shown), None
         else:
@@ -121,7 +121,6 @@ def classify(
         clip: Clip = kept[0]
         return clip
 
-    read = read_shown if annotate is None and explain is None else keeping
     entries: list[dict[str, object]] = []
     failed = rejected = 0
     decided = _decided(settings, paths, options, read, support)
@@ -173,30 +172,29 @@ def _decided(
     one_by_one = videos and processes == 1
     shown = not settings.quiet and (settings.json or not sys.stdout.isatty())
 
+    def clip_of(path: Path) -> Clip | ClipError:
+        try:
+            return read(path, options, one_by_one and not settings.quiet)
+        except ClipError as unusable:
+            return unusable
+
+    def decide(clips: list[Clip]) -> list[Decision | ClipError]:
+        try:
+            # One clip can last hours; of many, their number shows how far the work is.
+            with steps(shown=len(paths) == 1 and not settings.quiet) as step:
+                bar = None if step is None else functools.partial(step, "Comparing")
+                return [*support.classify_all(clips, options.whole, bar)]
+        except ClipError as unusable:
+            if len(clips) == 1:
+                return [unusable]
+            # One of them lacks joints, and the others are not to suffer for it.
+            return [decision for clip in clips for decision in decide([clip])]
+
     def of_batch(number: int) -> tuple[list[Decision | ClipError], float]:
         begun = time.perf_counter()
-        clips: list[Clip | ClipError] = []
-        for path in batches[number]:
-            try:
-                clips.append(read(path, options, one_by_one and not settings.quiet))
-            except ClipError as unusable:
-                clips.append(unusable)
-        decisions: list[Decision | ClipError] = []
-        left = [[clip for clip in clips if not isinstance(clip, ClipError)]]
-        while left:
-            some = left.pop()
-            try:
-                # One clip can last hours; of many, their number shows how far the work is.
-                with steps(shown=len(paths) == 1 and not settings.quiet) as step:
-                    bar = None if step is None else functools.partial(step, "Comparing")
-                    decisions += support.classify_all(some, options.whole, bar)
-            except ClipError as unusable:
-                if len(some) == 1:
-                    decisions.append(unusable)
-                else:  # one of them lacks joints, and the others are not to suffer for it
-                    left += [[clip] for clip in reversed(some)]
-        decided = iter(decisions)
-        outcomes = [clip if isinstance(clip, ClipError) else next(decided) for clip in clips]
+        clips = [clip_of(path) for path in batches[number]]
+        decisions = iter(decide([clip for clip in clips if not isinstance(clip, ClipError)]))
+        outcomes = [clip if isinstance(clip, ClipError) else next(decisions) for clip in clips]
         return outcomes, (time.perf_counter() - begun) * 1e3 / len(outcomes)
 
     results = in_processes(of_batch, len(batches), processes, pinned=videos)
@@ -229,12 +227,8 @@ def _explain(
         found = explain(recognizer, clip, [store.clip(example.id) for example in enrolled])
         shown = [enrolled[found.example]]
         shown += [store.examples(each.label)[0] for each in decision.ranking[1:SHOWN]]
-        neighbours = [
-            Neighbour(
-                example.label, f"example {example.id}, {example.source}", store.clip(example.id)
-            )
-            for example in shown
-        ]
+        named = [(each, f"example {each.id}, {each.source}") for each in shown]
+        neighbours = [Neighbour(each.label, text, store.clip(each.id)) for each, text in named]
     case = Explained(clip, decision, found, recognizer.weights.trx_os)
     write_explanation(page, case, neighbours)
     settings.tell(f"explained in {printable(page)}")
@@ -242,15 +236,11 @@ def _explain(
 
 def _print(source: str, decision: Decision, top: int, milliseconds: float) -> None:
     but = ", but a negative is nearer" if decision.negative_is_nearer else ""
-    say(
-        f"{printable(source)}: "
-        f"{'rejected' if decision.label is None else printable(decision.label)}"
-        f"  (nearest {printable(decision.nearest)}, {decision.comparison}{but}, "
-        f"{milliseconds:.0f} ms)"
-    )
+    verdict = "rejected" if decision.label is None else printable(decision.label)
+    nearest = f"nearest {printable(decision.nearest)}, {decision.comparison}{but}"
+    say(f"{printable(source)}: {verdict}  ({nearest}, {milliseconds:.0f} ms)")
     if top:
-        rows = [
-            (ranked.label, ranked.distance, ranked.probability, ranked.confidence)
-            for ranked in decision.ranking[:top]
-        ]
-        say(table(("action", "distance", "probability", "confidence"), rows, indent="    "))
+        columns = ("distance", "probability", "confidence")
+        ranked = decision.ranking[:top]
+        rows = [(each.label, *(getattr(each, name) for name in columns)) for each in ranked]
+        say(table(("action", *columns), rows, indent="    "))

@@ -56,7 +56,7 @@ ClipArguments = Annotated[
         parser=file_named,
     ),
 ]
-ForceOption = Annotated[bool, typer.Option("--force", help="Write over a file that stands there.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Write over a file that is there.")]
 LayoutOption = Annotated[
     str | None,
     typer.Option(

@@ -47,7 +47,7 @@ def test_the_page_is_not_written_through_a_link(
     page, other = tmp_path / "why.html", tmp_path / "other"
     other.write_text("mine")
     page.symlink_to(other)
-    assert invoke("classify", WAVE, "--explain", page).exit_code == 0
+    assert invoke("classify", WAVE, "--explain", page, "--force").exit_code == 0
     assert (other.read_text(), page.is_symlink()) == ("mine", False)
 
 
