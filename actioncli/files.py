@@ -7,9 +7,10 @@ import contextlib
 import json
 import math
 import os
+import re
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +18,9 @@ from typing import Any, Literal
 from actioncli.errors import ActionCliError, WeightsError
 
 HOME_VARIABLE = "ACTIONCLI_HOME"
+# What a file in a folder says in which the tool may delete; and a file that is not finished.
+_MARK = "This folder belongs to actioncli, which deletes its {} in it.\n"
+_PART = re.compile(r"\.actioncli-\w{8}\.part")
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -59,6 +63,37 @@ def is_own_folder(folder: Path) -> bool:
     status = folder.lstat()
     mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
     return mine and stat.S_ISDIR(status.st_mode)
+
+
+def marked_folder(folder: Path, made: Callable[[str], object] = lambda name: False) -> bool:
+    """Make a folder in which the tool may delete, or see whether one that is there is such.
+
+    It is known by its mark, a file with the folder's name inside. A folder that is new or empty
+    gets it.
+
+    Args:
+        folder: private to its owner (0700) where it is new.
+        made: whether the tool made a file of this name; a folder of such files alone gets the
+            mark too.
+
+    Returns:
+        Whether it is the tool's; False where somebody else laid it there.
+
+    Raises:
+        OSError: it cannot be made or looked at.
+    """
+    # `mode` is that of the last folder only; the one above holds the support set.
+    folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    folder.mkdir(exist_ok=True, mode=0o700)
+    if not is_own_folder(folder):
+        return False
+    mark, content = folder / f".actioncli-{folder.name}", _MARK.format(folder.name).encode()
+    names = [path.name for path in folder.iterdir()]
+    # Others may be marking it, and be at work as soon as they have.
+    if all(made(name) or _PART.fullmatch(name) for name in names) and not os.path.lexists(mark):
+        with replacing(mark, private=True) as part:
+            part.write_bytes(content)
+    return mark.is_file() and not mark.is_symlink() and mark.read_bytes() == content
 
 
 def weights_folder() -> Path:

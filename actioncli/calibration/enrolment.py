@@ -88,9 +88,9 @@ def enrol(
         own = [*support.actions.get(label, ()), *embeddings]
         warnings = [tuple(_warnings(support, label, own, clip)) for clip in embeddings]
     try:
-        kept = store.enroll_all(
-            [(label, clip) for clip in clips], note, negative, embeddings, checksum
-        )
+        missing = support.recomputed if support is not None else None
+        labelled = [(label, clip) for clip in clips]
+        kept = store.enroll_all(labelled, note, negative, embeddings, checksum, missing)
     except UsageError as error:
         if not negative:
             raise
@@ -98,8 +98,6 @@ def enrol(
             f"`{NEGATIVES}` is the name of an action here; give it another one first: "
             f"actioncli rename {NEGATIVES} NEW"
         ) from error
-    if support is not None and support.recomputed:
-        store.keep_embeddings(checksum, support.recomputed)
     return [
         Enrolled(one.example, one.label, one.added, about if one.added else ())
         for one, about in zip(kept, warnings, strict=True)

@@ -171,19 +171,24 @@ def _shipped_files() -> Iterator[Check]:
     from actioncli.files import weights_folder
 
     folder = weights_folder()
-    sums = folder / "SHA256SUMS"
+    again = "install actioncli again"
     try:
-        listed = [line.split(maxsplit=1) for line in sums.read_text("ascii").splitlines() if line]
-        for digest, name in listed:
-            content = (folder / name).read_bytes()
-            if hashlib.sha256(content).hexdigest() == digest:
-                yield Check(name, "ok", f"{len(content) / 1e6:.1f} MB, intact")
-            else:
-                yield Check(name, "problem", "damaged; install actioncli again", EXIT_INCOMPLETE)
+        listed = (folder / "SHA256SUMS").read_text("ascii").splitlines()
+        sums = {name: digest for digest, name in (line.split(maxsplit=1) for line in listed)}
     except (OSError, ValueError) as error:
-        yield Check(
-            "shipped files", "problem", f"{error}; install actioncli again", EXIT_INCOMPLETE
-        )
+        yield Check("shipped files", "problem", f"{error}; {again}", EXIT_INCOMPLETE)
+        return
+    for name, digest in sums.items():
+        try:
+            content = (folder / name).read_bytes()
+        except OSError as error:
+            yield Check(name, "problem", f"{error}; {again}", EXIT_INCOMPLETE)
+            continue
+        if hashlib.sha256(content).hexdigest() == digest:
+            yield Check(name, "ok", f"{len(content) / 1e6:.1f} MB, intact")
+        else:
+            found = f"altered or damaged: not the file that was shipped; {again}"
+            yield Check(name, "problem", found, EXIT_INCOMPLETE)
 
 
 def _recognition(weights: Path | None) -> Iterator[Check]:

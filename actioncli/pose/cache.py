@@ -16,16 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli.files import is_own_folder, user_folder
+from actioncli.files import is_own_folder, marked_folder, user_folder
 from actioncli.pose.poses import Poses
 
 # Changes when what is stored changes its meaning.
 FORMAT = 2
 LARGEST = 256 * 2**20  # bytes; the poses of about 20 hours
 SUFFIX = ".npz"
-# Says that the folder is the cache's: in any other one, nothing is written or deleted.
-MARK = ".actioncli-poses"
-_MARK_CONTENT = b"This folder belongs to actioncli, which deletes its poses as it fills up.\n"
 # How the cache names its files, and those that it has not finished.
 _KEPT = re.compile(r"[0-9a-f]{64}\.npz")
 _UNFINISHED = re.compile(r"tmp\w{8}\.part")
@@ -85,10 +82,10 @@ def keep(key: str, poses: Poses) -> None:
     """
     with contextlib.suppress(OSError):
         folder = cache_folder()
-        # The folder above holds the support set; `mode` is that of the last folder only.
-        folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        folder.mkdir(exist_ok=True, mode=0o700)
-        if not (is_own_folder(folder) and _marked(folder)):
+        # In a folder of somebody else, nothing is written or deleted.
+        if not marked_folder(
+            folder, lambda name: _KEPT.fullmatch(name) or _UNFINISHED.fullmatch(name)
+        ):
             return
         # mkstemp gives mode 0600, which the file keeps.
         handle, part = tempfile.mkstemp(dir=folder, suffix=".part")
@@ -116,22 +113,6 @@ def _packed(poses: Poses) -> memoryview:
         notes=np.array(poses.notes, dtype=np.str_),
     )
     return whole.getbuffer()
-
-
-def _marked(folder: Path) -> bool:
-    """Whether the cache made the folder; one that holds only what the cache made gets its mark.
-
-    Raises:
-        OSError: it cannot be looked at, or marked.
-    """
-    mark = folder / MARK
-    if os.path.lexists(mark):
-        return not mark.is_symlink() and mark.read_bytes() == _MARK_CONTENT
-    names = [path.name for path in folder.iterdir()]
-    if not all(_KEPT.fullmatch(name) or _UNFINISHED.fullmatch(name) for name in names):
-        return False
-    mark.write_bytes(_MARK_CONTENT)
-    return True
 
 
 def _shrink(folder: Path) -> None:

@@ -18,11 +18,12 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from actioncli.errors import ActionCliError, StoreError
+from actioncli.errors import ActionCliError, ClipError, StoreError
 from actioncli.files import replacing
 from actioncli.store.faults import system_fault
 from actioncli.store.location import sync_folder
@@ -36,6 +37,7 @@ LARGEST_HEADER = 16 * 2**20
 LARGEST_ARCHIVE = 4 * 2**30
 # Far above a threshold for each of a thousand actions.
 LARGEST_SETTING = 2**18
+_NO_EXPORT = "this is no export of a support set, or it is damaged."
 
 _FIELDS: dict[str, type] = {
     "label": str,
@@ -51,32 +53,9 @@ _FIELDS: dict[str, type] = {
 }
 
 
-@dataclass(frozen=True)
-class Entry:
-    """What the manifest says of one example; the tensors follow in the file.
-
-    Attributes:
-        record: the example, without its bytes.
-        confidence: whether the example has a confidence for each joint.
-    """
-
-    record: Record
-    confidence: bool
-
-    @property
-    def joints_size(self) -> int:
-        """Bytes of the joints."""
-        return self.record.frames * len(self.record.joint_names) * 12
-
-    @property
-    def confidence_size(self) -> int:
-        """Bytes of the confidence."""
-        return self.joints_size // 3 if self.confidence else 0
-
-
 def write_archive(
     path: Path,
-    entries: Sequence[Entry],
+    outlines: Sequence[Record],
     records: Iterable[Record],
     settings: Mapping[str, str] | None = None,
 ) -> None:
@@ -84,27 +63,26 @@ def write_archive(
 
     Args:
         path: the file; an archive that is there already is replaced, anything else is not.
-        entries: what goes into the manifest, in order.
+        outlines: the examples in order; of their bytes only whether there is a confidence counts.
         records: the same examples with their bytes, taken one at a time.
         settings: what goes with them, name to value.
 
     Raises:
         StoreError: not writable, too large, or something else of that name is there.
     """
-    header = _compact(_header(entries, settings)).encode()
+    header = _compact(_header(outlines, settings)).encode()
     header += b" " * (-len(header) % 8)
-    size = 8 + len(header) + sum(entry.joints_size + entry.confidence_size for entry in entries)
+    size = 8 + len(header) + _content_size(outlines)
     if len(header) > LARGEST_HEADER or size > LARGEST_ARCHIVE:
         raise StoreError(
-            f"{len(entries)} examples ({size >> 20} MB) are too many for one export; "
+            f"{len(outlines)} examples ({size >> 20} MB) are too many for one export; "
             "copy the store's file instead."
         )
     try:
         if path.is_symlink() or (path.exists() and not _is_archive(path)):
             raise StoreError(f"{path} is there already and is no export; choose another name.")
         with replacing(path, private=True) as part, part.open("wb") as file:
-            file.write(len(header).to_bytes(8, "little"))
-            file.write(header)
+            file.write(len(header).to_bytes(8, "little") + header)
             for record in records:
                 file.write(record.joints)
                 file.write(record.confidence or b"")
@@ -124,13 +102,17 @@ def read_archive(path: Path) -> Iterator[Record]:
     Raises:
         StoreError: unreadable, damaged, not an archive, of a newer release, or hostile.
     """
-    try:
-        if not path.is_file():
-            raise StoreError(f"{path} does not exist, or is no ordinary file; check the path.")
-        with path.open("rb") as file:
-            yield from _records(file, path.stat().st_size, path)
-    except OSError as error:
-        raise system_fault(path, error, "cannot be read") from error
+    with _opened(path) as (file, size):
+        for number, outline in enumerate(_read_header(file, size)[0], 1):
+            joints, *confidence = (file.read(length) for _, _, length in _tensors(outline))
+            record = replace(outline, joints=joints, confidence=next(iter(confidence), None))
+            try:
+                flaw = find_flaw(record)
+            except ActionCliError as error:
+                flaw = str(error)
+            if flaw:
+                raise _RefusedError(f"example {number}: {flaw}")
+            yield record
 
 
 def carried_settings(path: Path) -> dict[str, str]:
@@ -139,85 +121,77 @@ def carried_settings(path: Path) -> dict[str, str]:
     Raises:
         StoreError: as `read_archive`.
     """
-    try:
-        with path.open("rb") as file:
-            return _read_header(file, path.stat().st_size)[1]
-    except (_RefusedError, ActionCliError) as error:
-        raise StoreError(f"{path}: {error} Nothing was imported.") from error
-    except OSError as error:
-        raise system_fault(path, error, "cannot be read") from error
-
-
-def _records(file: BinaryIO, size: int, path: Path) -> Iterator[Record]:
-    what = str(path)
-    try:
-        entries, _ = _read_header(file, size)
-        for number, entry in enumerate(entries, 1):
-            what = f"{path}, example {number}"
-            joints = file.read(entry.joints_size)
-            confidence = file.read(entry.confidence_size) if entry.confidence else None
-            record = replace(entry.record, joints=joints, confidence=confidence)
-            flaw = find_flaw(record)
-            if flaw:
-                raise _RefusedError(flaw)
-            yield record
-    except (_RefusedError, ActionCliError) as error:
-        raise StoreError(
-            f"{what}: {error} Nothing was imported; export the support set again."
-        ) from error
+    with _opened(path) as (file, size):
+        return _read_header(file, size)[1]
 
 
 class _RefusedError(Exception):
     """Why a file is not taken."""
 
 
-def _read_header(file: BinaryIO, size: int) -> tuple[list[Entry], dict[str, str]]:
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+    """The open file and its size; what is wrong with it is a `StoreError`."""
+    try:
+        if not path.is_file():
+            raise StoreError(f"{path} does not exist, or is no ordinary file; check the path.")
+        with path.open("rb") as file:
+            yield file, path.stat().st_size
+    except (_RefusedError, ClipError) as error:
+        raise StoreError(
+            f"{path}: {error} Nothing was imported; export the support set again."
+        ) from error
+    except OSError as error:
+        raise system_fault(path, error, "cannot be read") from error
+
+
+def _read_header(file: BinaryIO, size: int) -> tuple[list[Record], dict[str, str]]:
+    """The outlines of the examples, and the settings."""
     length = int.from_bytes(file.read(8), "little")
     if size < 10 or length > size - 8:
-        raise _RefusedError("this is no export of a support set, or it was cut short.")
+        raise _RefusedError(_NO_EXPORT)
     if length > LARGEST_HEADER or size > LARGEST_ARCHIVE:
         raise _RefusedError("this is larger than any export of a support set.")
     header = _parse(file.read(length))
     metadata = header.get("__metadata__") if isinstance(header, dict) else None
     if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
-        raise _RefusedError("this is no export of a support set.")
+        raise _RefusedError(_NO_EXPORT)
     if metadata.get("version") not in VERSIONS:
         raise _RefusedError(
             f"its format version is {ascii(metadata.get('version'))[:20]}, this release reads "
             f"{' and '.join(VERSIONS)}; update actioncli."
         )
-    text = metadata.get("examples")
-    if not isinstance(text, str) or metadata.get("sha256") != _sha256(text):
-        raise _RefusedError("its list of examples is damaged.")
-    manifest = _parse(text)
+    manifest = _sealed(metadata, "examples", "sha256")
     if not isinstance(manifest, list):
-        raise _RefusedError("its list of examples is no list.")
-    entries = [_entry(fields) for fields in manifest]
-    settings = _settings(metadata) if metadata["version"] == VERSIONS[1] else {}
-    if header != _header(entries, settings):
+        raise _RefusedError("its list of examples is damaged.")
+    outlines = [_outline(fields) for fields in manifest]
+    settings = {}
+    if metadata["version"] == VERSIONS[1]:
+        settings = _sealed(metadata, "settings", "settings_sha256")
+        if (
+            not isinstance(settings, dict)
+            or not settings
+            or not all(
+                isinstance(value, str)
+                and max(len(name), len(value)) <= LARGEST_SETTING
+                and (name + value).isprintable()
+                for name, value in settings.items()
+            )
+        ):
+            raise _RefusedError("its settings are damaged, not printable or too long.")
+    if header != _header(outlines, settings):
         raise _RefusedError("its header does not fit its list of examples.")
-    if size != 8 + length + sum(entry.joints_size + entry.confidence_size for entry in entries):
+    if size != 8 + length + _content_size(outlines):
         raise _RefusedError("it was cut short, or something was appended.")
-    return entries, settings
+    return outlines, settings
 
 
-def _settings(metadata: dict[str, Any]) -> dict[str, str]:
-    text = metadata.get("settings")
-    if not isinstance(text, str) or metadata.get("settings_sha256") != _sha256(text):
-        raise _RefusedError("its settings are damaged.")
-    settings = _parse(text)
-    if not isinstance(settings, dict) or not settings:
-        raise _RefusedError("its settings are no settings.")
-    for name, value in settings.items():
-        if not isinstance(value, str) or max(len(name), len(value)) > LARGEST_SETTING:
-            raise _RefusedError("a setting of its is no text, or too long.")
-        if not (name.isprintable() and value.isprintable()):
-            raise _RefusedError("a setting of its is not printable.")
-    return settings
-
-
-def _compact(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+def _sealed(metadata: dict[str, Any], name: str, checksum: str) -> Any:
+    """The JSON that stands in the metadata beside its checksum."""
+    text = metadata.get(name)
+    if not isinstance(text, str) or metadata.get(checksum) != _sha256(text):
+        raise _RefusedError(f"its {name} are damaged.")
+    return _parse(text)
 
 
 def _parse(text: str | bytes) -> Any:
@@ -225,11 +199,11 @@ def _parse(text: str | bytes) -> Any:
         return json.loads(text)
     # Of another encoding, no JSON, an endless number; or nested too deeply.
     except (ValueError, RecursionError) as error:
-        raise _RefusedError("this is no export of a support set, or it is damaged.") from error
+        raise _RefusedError(_NO_EXPORT) from error
 
 
-def _entry(fields: Any) -> Entry:
-    """One line of the manifest, its types and sizes checked."""
+def _outline(fields: Any) -> Record:
+    """One line of the manifest, its types and sizes checked, as a record without bytes."""
     if not isinstance(fields, dict) or fields.keys() != _FIELDS.keys():
         raise _RefusedError("an example has other fields than it should.")
     for name, kind in _FIELDS.items():
@@ -238,19 +212,33 @@ def _entry(fields: Any) -> Entry:
     names = fields["joint_names"]
     if not names or not all(isinstance(name, str) for name in names) or fields["frames"] < 2:
         raise _RefusedError("the joint names or frames of an example make no clip.")
-    confidence = fields.pop("confidence")
     check_outline(fields["frames"], names, "")
-    record = Record(**{**fields, "joint_names": tuple(names)}, joints=b"", confidence=None)
-    return Entry(record, confidence)
+    bytes_ = {"joints": b"", "confidence": b"" if fields["confidence"] else None}
+    return Record(**{**fields, **bytes_, "joint_names": tuple(names)})
 
 
-def _header(entries: Sequence[Entry], settings: Mapping[str, str] | None = None) -> dict[str, Any]:
+def _tensors(outline: Record) -> list[tuple[str, list[int], int]]:
+    """Name, shape and bytes of each tensor of an example."""
+    shape = [outline.frames, len(outline.joint_names)]
+    tensors = [("joints", [*shape, 3], shape[0] * shape[1] * 12)]
+    if outline.confidence is not None:
+        tensors.append(("confidence", shape, shape[0] * shape[1] * 4))
+    return tensors
+
+
+def _content_size(outlines: Iterable[Record]) -> int:
+    return sum(length for outline in outlines for _, _, length in _tensors(outline))
+
+
+def _header(outlines: Sequence[Record], settings: Mapping[str, str] | None) -> dict[str, Any]:
     """The safetensors header of an archive."""
-    manifest = [
-        {name: getattr(entry.record, name) for name in _FIELDS} | {"confidence": entry.confidence}
-        for entry in entries
-    ]
-    text = _compact(manifest)
+    text = _compact(
+        [
+            {name: getattr(outline, name) for name in _FIELDS}
+            | {"confidence": outline.confidence is not None}
+            for outline in outlines
+        ]
+    )
     metadata = {
         "format": FORMAT,
         "version": VERSIONS[bool(settings)],
@@ -262,19 +250,16 @@ def _header(entries: Sequence[Entry], settings: Mapping[str, str] | None = None)
         metadata |= {"settings": kept, "settings_sha256": _sha256(kept)}
     header: dict[str, Any] = {"__metadata__": metadata}
     offset = 0
-    for number, entry in enumerate(entries):
-        shape = [entry.record.frames, len(entry.record.joint_names)]
-        tensors = [("joints", [*shape, 3], entry.joints_size)]
-        if entry.confidence:
-            tensors.append(("confidence", shape, entry.confidence_size))
-        for name, dimensions, size in tensors:
-            header[f"{number}/{name}"] = {
-                "dtype": "F32",
-                "shape": dimensions,
-                "data_offsets": [offset, offset + size],
-            }
+    for number, outline in enumerate(outlines):
+        for name, shape, size in _tensors(outline):
+            place = [offset, offset + size]
+            header[f"{number}/{name}"] = {"dtype": "F32", "shape": shape, "data_offsets": place}
             offset += size
     return header
+
+
+def _compact(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
 
 def _is_archive(path: Path) -> bool:

@@ -19,6 +19,7 @@ from actioncli.errors import StoreError
 from actioncli.store.database import connected, writing
 from actioncli.store.health import damage
 from actioncli.store.location import beside, exists, sync_folder
+from actioncli.store.names import plain_text
 
 # Seconds; a copy of ten thousand examples takes some.
 _EVERY = 60.0
@@ -41,10 +42,10 @@ def _part(path: Path) -> Path:
 def changing(path: Path, erases: bool = False) -> Iterator[sqlite3.Connection]:
     """A write transaction as `database.writing` has it, which the copy follows.
 
-    A copy that cannot be made is no error: what was committed stands.
+    A copy that cannot be made is logged, and no error: what was committed stands.
 
     Args:
-        erases: examples are taken away.
+        erases: examples or settings are taken away.
 
     Raises:
         StoreError: as `writing`, or the copy cannot be deleted.
@@ -60,16 +61,16 @@ def changing(path: Path, erases: bool = False) -> Iterator[sqlite3.Connection]:
     if not changed:
         return
     copy, age = backup_path(path), _EVERY
-    # What others laid there is none.
     with suppress(OSError):
+        # What others laid there is none.
         age = _EVERY if copy.is_symlink() else time.time() - copy.stat().st_mtime
     if not 0 <= age < _EVERY:
         _waiting.discard(path)
         make_backup(path)
-    else:
-        if not _waiting:
-            atexit.register(finish_backups)
-        _waiting.add(path)
+        return
+    if not _waiting:
+        atexit.register(finish_backups)
+    _waiting.add(path)
 
 
 def is_lost(path: Path) -> bool:
@@ -104,7 +105,7 @@ def make_backup(path: Path) -> bool:
 
     Returns:
         Whether there is a copy of the store as it is now. The last one stays where the store is
-        damaged, or the disk is full.
+        damaged, or the disk is full; a line in the log, which goes to standard error, says so.
     """
     part = _part(path)
     try:
@@ -123,15 +124,19 @@ def make_backup(path: Path) -> bool:
                     copy.execute("PRAGMA journal_mode = OFF")
                     copy.execute("PRAGMA synchronous = OFF")
                     db.backup(copy)
-                if damage(part):
-                    return False
+                if found := damage(part):
+                    raise StoreError(found[0].replace(str(part), str(path)))
                 with part.open("rb+") as file:
                     os.fsync(file.fileno())
                 part.replace(backup_path(path))
             finally:
                 part.unlink(missing_ok=True)
         sync_folder(path.parent)
-    except (StoreError, OSError, sqlite3.Error):
+    except (StoreError, OSError, sqlite3.Error) as error:
+        import logging
+
+        line = f"{backup_path(path)}: this copy of the support set cannot be renewed: {error}"
+        logging.getLogger("actioncli").warning("%s", plain_text(line, 1000))
         return False
     return True
 
@@ -143,7 +148,6 @@ def _prune(path: Path, db: sqlite3.Connection) -> None:
         StoreError: it can neither be changed nor deleted.
     """
     copy = backup_path(path)
-    left = {number for (number,) in db.execute("SELECT id FROM examples")}
     try:
         _part(path).unlink(missing_ok=True)
         if not copy.is_file() or copy.is_symlink():
@@ -154,9 +158,10 @@ def _prune(path: Path, db: sqlite3.Connection) -> None:
                 # A journal would hold what is removed.
                 spare.execute("PRAGMA journal_mode = MEMORY")
                 spare.execute("BEGIN IMMEDIATE")
-                copied = spare.execute("SELECT id FROM examples").fetchall()
-                gone = [row for row in copied if row[0] not in left]
-                spare.executemany("DELETE FROM examples WHERE id = ?", gone)
+                for table, key in (("examples", "id"), ("settings", "name")):
+                    query = f"SELECT {key} FROM {table}"
+                    gone = set(spare.execute(query)) - set(db.execute(query))
+                    spare.executemany(f"DELETE FROM {table} WHERE {key} = ?", gone)
                 spare.execute("COMMIT")
             # It is as old as before: what came since it was made is still missing.
             os.utime(copy, ns=(seen.st_atime_ns, seen.st_mtime_ns))

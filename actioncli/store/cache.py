@@ -57,30 +57,26 @@ def read_snapshot(path: Path, weights: str, settings: Collection[str]) -> Snapsh
         if db is None:
             return Snapshot((), {}, {}, {})
         examples = list_examples(db)
-        embeddings = read_embeddings(db, weights)
+        embeddings = _read_embeddings(db, weights)
         records = {
             example.id: read_record(db, path, example.id)
             for example in examples
             if example.id not in embeddings
         }
-        found = {
-            name: value
-            for wanted in settings
-            for name, value in read_settings(db, path, wanted).items()
-        }
+        found: dict[str, str] = {}
+        for wanted in settings:
+            found |= read_settings(db, path, wanted)
     clips = {example: record.clip() for example, record in records.items()}
     return Snapshot(tuple(examples), embeddings, clips, found)
 
 
-def read_embeddings(
-    db: sqlite3.Connection, weights_checksum: str
-) -> dict[int, NDArray[np.float32]]:
+def _read_embeddings(db: sqlite3.Connection, weights: str) -> dict[int, NDArray[np.float32]]:
     """The (F, E) embeddings that are kept for these weights and undamaged, by example."""
     import numpy as np
 
     found: dict[int, NDArray[np.float32]] = {}
     checked: set[object] = set()
-    for row in db.execute(f"{_ALL} WHERE weights = ? ORDER BY id", (_named(weights_checksum),)):
+    for row in db.execute(f"{_ALL} WHERE weights = ? ORDER BY id", (_named(weights),)):
         example, label, _, _, frames, width, data, crc = row
         if label not in checked:
             require_label(label)
@@ -95,28 +91,20 @@ def write_embeddings(
     weights_checksum: str,
     embeddings: Mapping[int, NDArray[np.float32]],
 ) -> None:
-    """Keep (F, E) embeddings by example, and drop those of other weights.
-
-    An example that was removed in the meantime is passed over.
-    """
+    """Keep (F, E) embeddings by example where it is still there; those of other weights go."""
     import numpy as np
 
     weights = _named(weights_checksum)
     db.execute("DELETE FROM embeddings WHERE weights != ?", (weights,))
     for example, embedding in embeddings.items():
-        found = db.execute(
-            "SELECT label, negative FROM examples WHERE id = ?", (example,)
-        ).fetchone()
-        if found is None:
-            continue
-        frames, width = embedding.shape
-        data = np.asarray(embedding, "<f4").tobytes()
-        crc = _crc(example, found[0], found[1], weights, frames, width, data)
-        db.execute(
-            "INSERT OR REPLACE INTO embeddings (example, weights, frames, width, crc, data) "
-            "VALUES (?, ?, ?, ?, ?, ?)",
-            (example, weights, frames, width, crc, data),
-        )
+        query = "SELECT label, negative FROM examples WHERE id = ?"
+        for label, negative in db.execute(query, (example,)).fetchall():
+            kept = (weights, *embedding.shape, np.asarray(embedding, "<f4").tobytes())
+            db.execute(
+                "INSERT OR REPLACE INTO embeddings (example, weights, frames, width, data, crc) "
+                "VALUES (?, ?, ?, ?, ?, ?)",
+                (example, *kept, _crc(example, label, negative, *kept)),
+            )
 
 
 def damaged_embeddings(db: sqlite3.Connection) -> list[int]:
@@ -128,10 +116,9 @@ def rename_embeddings(db: sqlite3.Connection, old: str, new: str) -> None:
     """Keep the embeddings of a label that is about to get another name."""
     changed = []
     for row in db.execute(f"{_ALL} WHERE label = ?", (old,)):
-        example, _, negative, weights, frames, width, data, crc = row
+        example, _, *rest, crc = row
         if _crc(*row[:7]) == crc:
-            crc = _crc(example, new, negative, weights, frames, width, data)
-            changed.append((crc, example, weights))
+            changed.append((_crc(example, new, *rest), example, row[3]))
     db.executemany("UPDATE embeddings SET crc = ? WHERE example = ? AND weights = ?", changed)
 
 

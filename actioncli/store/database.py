@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from actioncli.errors import StoreError
@@ -60,8 +60,12 @@ def reading(path: Path) -> Iterator[sqlite3.Connection | None]:
             yield db if version else None
             return
         db.execute("ROLLBACK")
-        if _brought_up_to_date(path):
+        with suppress(StoreError):
+            with writing(path):
+                pass  # the first release to read an old store gives it today's schema
             db.execute("BEGIN")
+            version = 0
+        if not version:
             yield db
             return
         # It cannot be written (a read-only folder, a full disk): what reads it sees a copy.
@@ -69,15 +73,6 @@ def reading(path: Path) -> Iterator[sqlite3.Connection | None]:
             db.backup(copy)
             migrations.migrate(copy, path)
             yield copy
-
-
-def _brought_up_to_date(path: Path) -> bool:
-    """Whether the first release to read an old store could give it today's schema."""
-    try:
-        with writing(path):
-            return True
-    except StoreError:
-        return False
 
 
 @contextmanager
@@ -104,17 +99,13 @@ def writing(path: Path) -> Iterator[sqlite3.Connection]:
                 continue
             migrations.migrate(db, path)
             yield db
-            _commit(db)
+            try:
+                db.execute("COMMIT")
+            except sqlite3.OperationalError as error:
+                # Everything is on the disk by then; closing the file gives the lock back as well.
+                if error.sqlite_errorcode not in _UNLOCKING:
+                    raise
             return
-
-
-def _commit(db: sqlite3.Connection) -> None:
-    try:
-        db.execute("COMMIT")
-    except sqlite3.OperationalError as error:
-        # Everything is on the disk by then; closing the file gives the lock back as well.
-        if error.sqlite_errorcode not in _UNLOCKING:
-            raise
 
 
 def _file(path: Path) -> tuple[int, int] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -114,12 +115,8 @@ def stored_label(db: sqlite3.Connection | None, label: str) -> str:
     """
     label = check_label(label)
     if db is None or holds_negatives(db, label) is None:
-        rows = (
-            db.execute("SELECT DISTINCT label FROM examples ORDER BY label").fetchall()
-            if db
-            else ()
-        )
-        enrolled = [f"`{row[0]}`" for row in rows]
+        query = "SELECT DISTINCT label FROM examples ORDER BY label"
+        enrolled = [f"`{row[0]}`" for row in (db.execute(query).fetchall() if db else ())]
         listed = ", ".join(enrolled[:10]) + (", ..." if len(enrolled) > 10 else "")
         raise SupportError(
             f"`{label}` is not enrolled; "
@@ -129,44 +126,32 @@ def stored_label(db: sqlite3.Connection | None, label: str) -> str:
 
 
 def require(kind: type, *values: object) -> None:
-    """Columns hold what they should: one flipped bit turns a text into a blob.
-
-    Raises:
-        sqlite3.DatabaseError: another type; a `StoreError` outside of the transaction.
-    """
+    """Raise `sqlite3.DatabaseError` for another type: a flipped bit turns a text into a blob."""
     if not all(isinstance(value, kind) for value in values):
         raise sqlite3.DatabaseError(f"a column that should hold {kind.__name__} does not")
 
 
 def require_label(label: object) -> None:
-    """A label is one that could have been enrolled, whoever wrote the file: it goes to terminals
-    and to other programs.
-
-    Raises:
-        sqlite3.DatabaseError: it is not.
-    """
+    """Raise `sqlite3.DatabaseError` for a label that could not have been enrolled: it goes to
+    terminals and to other programs, whoever wrote the file."""
     require(str, label)
-    try:
-        allowed = check_label(str(label)) == label
-    except UsageError:
-        allowed = False
-    if not allowed:
-        raise sqlite3.DatabaseError(f"the label {str(label)[:100]!a} is none that is allowed")
+    with suppress(UsageError):
+        if check_label(str(label)) == label:
+            return
+    raise sqlite3.DatabaseError(f"the label {str(label)[:100]!a} is none that is allowed")
 
 
-def read_outlines(db: sqlite3.Connection, path: Path) -> list[tuple[int, Record, bool]]:
-    """All examples without their bytes: identifier, record, whether there is a confidence."""
+def read_outlines(db: sqlite3.Connection, path: Path) -> dict[int, Record]:
+    """All examples by identifier, with empty bytes in place of joints and confidence."""
     from actioncli.store.record import OUTLINE, Record
 
-    rows = db.execute(
-        f"SELECT id, confidence IS NOT NULL, {OUTLINE} FROM examples ORDER BY id"
-    ).fetchall()
-    outlines = []
-    for row in rows:
+    query = f"SELECT id, {OUTLINE}, x'', substr(confidence, 1, 0) FROM examples ORDER BY id"
+    outlines = {}
+    for example, *row in db.execute(query).fetchall():
         try:
-            outlines.append((row[0], Record.from_row((*row[2:], b"", None)), bool(row[1])))
+            outlines[example] = Record.from_row(row)
         except (TypeError, ValueError) as error:
-            raise damaged(path, row[0], row[2]) from error
+            raise damaged(path, example, row[0]) from error
     return outlines
 
 

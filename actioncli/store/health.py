@@ -10,20 +10,14 @@ from actioncli.errors import StoreError
 from actioncli.store.cache import damaged_embeddings
 from actioncli.store.database import reading
 from actioncli.store.examples import read_record
-from actioncli.store.location import exists, folder_open_to_others, open_to_others
+from actioncli.store.location import exists, exposure
 from actioncli.store.settings import damaged_setting, intact_setting
 
 
 def problems(path: Path) -> list[str]:
     """What is wrong with a store and with who may read it, a line for each problem."""
-    found: list[str] = []
     try:
-        if not exists(path):
-            return []
-        if open_to_others(path):
-            found.append(f"{path} is open to other users: chmod 600 it.")
-        if folder_open_to_others(path):
-            found.append(f"Other users may replace {path}: chmod 700 its folder.")
+        found = exposure(path) if exists(path) else []
     except StoreError as error:
         return [str(error)]
     return found + damage(path)

@@ -113,22 +113,14 @@ def sync_folder(folder: Path) -> None:
 
 
 def _make_folder(folder: Path) -> None:
-    missing = folder
-    made = []
-    while not missing.is_dir() and missing != missing.parent:
-        made.append(missing)
-        missing = missing.parent
+    made = [each for each in (folder, *folder.parents) if not each.is_dir()]
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     for each in made:
         sync_folder(each.parent)
 
 
 def _check_length(path: Path) -> None:
-    """A name that is too long for the journal beside it would never hold anything.
-
-    Raises:
-        StoreError: it is.
-    """
+    """Refuse a name that leaves no room for that of the journal beside it."""
     for what, name, most in (
         ("file name", path.name, _LONGEST_NAME),
         ("path", os.path.realpath(path), _LONGEST_PATH),
@@ -145,19 +137,19 @@ def open_to_others(path: Path) -> bool:
     return os.name == "posix" and bool(path.lstat().st_mode & 0o077)
 
 
-def folder_open_to_others(path: Path) -> bool:
-    """Whether others could exchange the file: they may write its folder, without a sticky bit."""
+def exposure(path: Path) -> list[str]:
+    """Who else could read or exchange a store that is there, a line for each way."""
+    found = [f"{path} is open to other users: chmod 600 it."] if open_to_others(path) else []
     mode = path.parent.stat().st_mode
-    return os.name == "posix" and bool(mode & 0o022) and not mode & stat.S_ISVTX
+    if os.name == "posix" and mode & 0o022 and not mode & stat.S_ISVTX:
+        found.append(f"Other users may replace {path}: chmod 700 its folder.")
+    return found
 
 
 def _ours(path: Path) -> bool:
     status = path.lstat()
-    return (
-        hasattr(os, "geteuid")
-        and status.st_uid == os.geteuid()
-        and not status.st_mode & stat.S_ISVTX
-    )
+    mine = hasattr(os, "geteuid") and status.st_uid == os.geteuid()
+    return mine and not status.st_mode & stat.S_ISVTX
 
 
 def _unusable(path: Path, error: OSError | ValueError) -> StoreError:

@@ -84,6 +84,7 @@ MIGRATIONS: tuple[Migration, ...] = (
 
 # What their statements call, with the number of arguments.
 _FUNCTIONS = {"seal": 7, "setting_crc": 2}
+_OBJECTS = "SELECT type, name, tbl_name, sql FROM sqlite_master"
 
 
 def setting_crc(name: str, value: str) -> int:
@@ -130,25 +131,23 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
 
 
 def _as_made(db: sqlite3.Connection, version: int) -> bool:
-    """Whether a database holds what the migrations make and nothing else.
-
-    The file may come from somebody else. A trigger would run with what is enrolled or removed; a
-    view in a table's place could count for ever.
-    """
-    found = _objects(db)
-    # What SQLite itself adds when somebody asks it to ANALYZE. A flipped bit makes bytes of a name.
-    found = {row for row in found if row[0] != "table" or not str(row[1]).startswith("sqlite_stat")}
-    return found == _made(version)
+    """Whether a database holds what the migrations make, and nothing that could run or never end,
+    as a trigger or a view of somebody else's."""
+    # SQLite adds statistics when somebody asks it to ANALYZE. A flipped bit makes bytes of a name.
+    return _made(version) == {
+        row
+        for row in _objects(db)
+        if row[0] != "table" or not str(row[1]).startswith("sqlite_stat")
+    }
 
 
 def is_as_made(db: sqlite3.Connection, table: str, version: int) -> bool:
     """Whether a table can be read to be the one that the migrations up to a version make."""
-    query = "SELECT type, name, tbl_name, sql FROM sqlite_master WHERE name = ?"
+    made = {row for row in _made(version) if row[1] == table}
     try:
-        found = set(db.execute(query, (table,)))
+        return set(db.execute(f"{_OBJECTS} WHERE name = ?", (table,))) == made
     except (sqlite3.Error, UnicodeDecodeError):
         return False
-    return found == {row for row in _made(version) if row[1] == table}
 
 
 @lru_cache
@@ -164,7 +163,7 @@ def _made(version: int) -> set[tuple[str, str, str, str | None]]:
 
 
 def _objects(db: sqlite3.Connection) -> set[tuple[str, str, str, str | None]]:
-    return set(db.execute("SELECT type, name, tbl_name, sql FROM sqlite_master"))
+    return set(db.execute(_OBJECTS))
 
 
 def migrate(db: sqlite3.Connection, path: Path) -> None:
@@ -174,23 +173,18 @@ def migrate(db: sqlite3.Connection, path: Path) -> None:
         StoreError: as `schema_version`.
         sqlite3.DatabaseError: an older store is damaged; nothing is built on that.
     """
+    from actioncli.store.record import seal
+
     version = schema_version(db, path)
     if version == len(MIGRATIONS):
         return
-    _prepare(db, version)
-    for migration in MIGRATIONS[version:]:
-        for statement in migration.statements:
-            db.execute(statement)
-    db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-    db.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")
-
-
-def _prepare(db: sqlite3.Connection, version: int) -> None:
-    """What the statements need: an old store that is whole, and functions that seal its rows."""
-    from actioncli.store.record import seal
-
     (found,) = db.execute("PRAGMA integrity_check(1)").fetchone() if version else ("ok",)
     if found != "ok":
         raise sqlite3.DatabaseError(found)
     db.create_function("seal", _FUNCTIONS["seal"], seal)
     db.create_function("setting_crc", _FUNCTIONS["setting_crc"], setting_crc)
+    for migration in MIGRATIONS[version:]:
+        for statement in migration.statements:
+            db.execute(statement)
+    db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    db.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")

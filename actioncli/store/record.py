@@ -62,19 +62,12 @@ class Record:
         check_outline(len(clip.joints), clip.joint_names, clip.source)
         joints = clip.joints.astype("<f4").tobytes()
         confidence = None if clip.confidence is None else clip.confidence.astype("<f4").tobytes()
+        checksum = _content_checksum(clip.fps, clip.joint_names, joints, confidence)
+        added = datetime.now(UTC).strftime(TIME_FORMAT)
         return cls(
-            label=label,
-            negative=negative,
-            source=file_name(clip.source),
-            note=plain_text(note),
-            added=datetime.now(UTC).strftime(TIME_FORMAT),
-            fps=clip.fps,
-            frames=len(clip.joints),
-            joint_names=clip.joint_names,
-            checksum=_content_checksum(clip.fps, clip.joint_names, joints, confidence),
-            joints=joints,
-            confidence=confidence,
-        )
+            label, negative, file_name(clip.source), plain_text(note), added, clip.fps,
+            len(clip.joints), clip.joint_names, checksum, joints, confidence,
+        )  # fmt: skip
 
     @classmethod
     def from_row(cls, row: Sequence[Any]) -> Record:
@@ -93,9 +86,8 @@ class Record:
         texts = (label, source, note, added, checksum)
         if not (
             isinstance(named, list)
-            and all(isinstance(name, str) for name in named)
             and isinstance(frames, int)
-            and all(isinstance(text, str) for text in texts)
+            and all(isinstance(text, str) for text in (*texts, *named))
         ):
             raise TypeError("a column is of another type")
         return cls(
@@ -153,11 +145,8 @@ COLUMNS = f"{OUTLINE}, joints, confidence"
 def seal(
     example: int, label: str, negative: bool, source: str, note: str, added: str, checksum: str
 ) -> int:
-    """CRC-32 of what an example has beside its content, which has its own checksum.
-
-    Between them they cover every bit of an example that matters, so that one that flipped is
-    noticed. Values that are no text, as damage makes them, are taken as they are.
-    """
+    """CRC-32 of what an example has beside its content, which has its own checksum: between them
+    a bit that flipped is noticed. Values that are no text, as damage makes them, are taken too."""
     sealed = [example, label, int(negative), source, note, added, checksum]
     return zlib.crc32(json.dumps(sealed, default=repr).encode())
 

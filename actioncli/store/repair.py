@@ -15,10 +15,11 @@ import tempfile
 import time
 import zlib
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from itertools import count
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from actioncli.errors import ActionCliError, StoreError
 from actioncli.store.backup import backup_path, is_lost, make_backup
@@ -38,6 +39,7 @@ _PATIENCE = 2.0
 _LOCK_START, _LOCK_LENGTH = 0x40000000, 512
 # Identifiers between two damaged pages that are tried one by one.
 _MOST_TRIED = 100_000
+_INDEXED = "INDEXED BY sqlite_autoindex_examples_1"
 # What reading a damaged database raises.
 _UNREADABLE = (sqlite3.Error, ActionCliError, UnicodeDecodeError, TypeError, ValueError)
 
@@ -175,106 +177,93 @@ class _Readable:
     Attributes:
         labels: of the examples, by identifier, as the table or the index over it lists them.
         complete: whether that is all of them, and all settings can be read.
-        last: the highest identifier that was ever given, as far as is known.
+        last: the highest identifier that was ever given, as far as that can be read.
         is_newer: whether a release after this one made it.
     """
 
     def __init__(self, db: sqlite3.Connection) -> None:
         """Read what is listed."""
-        self._db = db
-        (version,) = next(self._rows("PRAGMA user_version"), (0,))
+        self._db, self._ours = db, True
+        version, _ = self._rows("PRAGMA user_version")
+        schemas = range(1, len(MIGRATIONS) + 1)
         # A table that somebody else made could be a view that never ends.
-        self._sealed = is_as_made(db, "examples", len(MIGRATIONS))
-        self._ours = self._sealed or any(
-            is_as_made(db, "examples", number) for number in range(1, len(MIGRATIONS))
-        )
-        self.is_newer = isinstance(version, int) and version > len(MIGRATIONS) and not self._ours
+        self._ours = any(is_as_made(db, "examples", number) for number in schemas)
+        self.is_newer = bool(version) and version[0][0] > len(MIGRATIONS) and not self._ours
         self.labels: dict[int, str] = {}
-        self.complete = False
-        self.last = 0
-        if not self._ours:
-            return
-        index = "INDEXED BY sqlite_autoindex_examples_1"
-        whole = [
-            self._list(f"SELECT id, label FROM examples {hint} ORDER BY {order}")
-            for hint, order in (
-                (index, "label, negative, checksum"),
-                (index, "label DESC, negative DESC, checksum DESC"),
-                ("NOT INDEXED", "id"),
-                ("NOT INDEXED", "id DESC"),
-            )
-        ]
-        sequence = "SELECT seq FROM sqlite_sequence WHERE name = 'examples'"
-        (last,) = next(self._rows(sequence), (0,))
+        read = []
+        for hint, order in (
+            (_INDEXED, "label, negative, checksum"),
+            (_INDEXED, "label DESC, negative DESC, checksum DESC"),
+            ("NOT INDEXED", "id"),
+            ("NOT INDEXED", "id DESC"),
+        ):
+            rows, whole = self._rows(f"SELECT id, label FROM examples {hint} ORDER BY {order}")
+            found = {number: label for number, label in rows if _could_be(number, label)}
+            self.labels = found | self.labels
+            read.append(whole and len(found) == len(rows))
+        sequence, _ = self._rows("SELECT seq FROM sqlite_sequence WHERE name = 'examples'")
+        last = sequence[0][0] if sequence else 0
         self.last = last if isinstance(last, int) and 0 <= last < 2**31 else 0
-        settings = list(self._rows("SELECT count(*) FROM settings NOT INDEXED"))
-        self.complete = any(whole) and bool(settings)
+        self.complete = any(read) and self._rows("SELECT count(*) FROM settings NOT INDEXED")[1]
 
-    def _rows(self, query: str, *values: object) -> Iterator[tuple[object, ...]]:
-        """The rows of a query as far as they can be read."""
+    def _rows(self, query: str, *values: object) -> tuple[list[Any], bool]:
+        """The rows of a query as far as they can be read, and whether these are all."""
+        found: list[Any] = []
         try:
-            yield from self._db.execute(query, values)
+            if self._ours:
+                found.extend(self._db.execute(query, values))
         except _UNREADABLE:
-            return
-
-    def _list(self, query: str) -> bool:
-        """Note the labels of examples; whether all could be read."""
-        try:
-            for example, label in self._db.execute(query):
-                if isinstance(example, int) and 0 < example < 2**31 and check_label(label) == label:
-                    self.labels.setdefault(example, label)
-        except _UNREADABLE:
-            return False
-        return True
+            return found, False
+        return found, self._ours
 
     def unlisted(self) -> set[int]:
         """Identifiers of examples that may hide between damaged pages."""
         last = max([self.last, *self.labels])
-        return set(range(1, last + 1)) if self._ours and last <= _MOST_TRIED else set()
+        return set(range(1, last + 1)) if last <= _MOST_TRIED else set()
 
     def record(self, example: int) -> Record | None:
         """An example that is proved to be what was enrolled."""
-        if self._sealed:
-            try:
-                return read_record(self._db, Path(), example)
-            except _UNREADABLE:
-                return None
-        return None
+        try:
+            return read_record(self._db, Path(), example) if self._ours else None
+        except _UNREADABLE:
+            return None
 
     def doubtful(self, example: int) -> Record | None:
         """An example whose recording is proved by its checksum, and its label by the index; its
         source, note or time may have changed."""
-        listed = (
-            "SELECT label, negative, checksum FROM examples INDEXED BY "
-            "sqlite_autoindex_examples_1 WHERE id = ?"
-        )
-        if not self._ours:
-            return None
-        for row in self._rows(f"SELECT {COLUMNS} FROM examples NOT INDEXED WHERE id = ?", example):
-            try:
+        listed = f"SELECT label, negative, checksum FROM examples {_INDEXED} WHERE id = ?"
+        proofs, _ = self._rows(listed, example)
+        rows, _ = self._rows(f"SELECT {COLUMNS} FROM examples NOT INDEXED WHERE id = ?", example)
+        for row in rows:
+            with suppress(*_UNREADABLE):
                 record = Record.from_row(row)
-                if find_flaw(record) is None and (
-                    record.label,
-                    int(record.negative),
-                    record.checksum,
-                ) in self._rows(listed, example):
+                proof = (record.label, int(record.negative), record.checksum)
+                if find_flaw(record) is None and proof in proofs:
                     return record
-            except _UNREADABLE:
-                continue
         return None
 
     def settings(self) -> dict[str, str | None]:
         """Settings by name; None for one that is damaged."""
-        found: dict[str, str | None] = {}
-        if not self._ours:
-            return found
-        for (name,) in self._rows("SELECT name FROM settings ORDER BY name"):
-            if isinstance(name, str) and name.isprintable():
-                found[name] = None
-        for name, value, crc in self._rows("SELECT name, value, crc FROM settings NOT INDEXED"):
-            if intact_setting(name, value, crc):
-                found[str(name)] = str(value)
-        return found
+        names, _ = self._rows("SELECT name FROM settings ORDER BY name")
+        rows, _ = self._rows("SELECT name, value, crc FROM settings NOT INDEXED")
+        found = dict.fromkeys(
+            name for (name,) in names if isinstance(name, str) and name.isprintable()
+        )
+        return found | {
+            name: value for name, value, crc in rows if intact_setting(name, value, crc)
+        }
+
+
+def _could_be(number: object, label: object) -> bool:
+    """Whether an identifier and a label could be those of an example."""
+    with suppress(ActionCliError):
+        return (
+            isinstance(number, int)
+            and 0 < number < 2**31
+            and isinstance(label, str)
+            and check_label(label) == label
+        )
+    return False
 
 
 @contextmanager
@@ -333,13 +322,10 @@ def _keep(file: BinaryIO, path: Path, folder: Path) -> Path:
 
     What has the name is complete, whenever this is interrupted: it comes from `folder`.
     """
-    number = 1
-    while True:
-        suffix = ".damaged" if number == 1 else f".damaged-{number}"
-        kept = beside(path, suffix)
-        if not os.path.lexists(kept) and not os.path.lexists(_journal(kept)):
-            break
-        number += 1
+    names = (
+        beside(path, f".damaged-{number}" if number > 1 else ".damaged") for number in count(1)
+    )
+    kept = next(name for name in names if not any(map(os.path.lexists, (name, _journal(name)))))
     copy = folder / "kept.db"
     _copy(file, copy)
     journal = _journal(path)

@@ -44,9 +44,8 @@ def read_settings(db: sqlite3.Connection, path: Path, only: str | None = None) -
         StoreError: one is not what was set.
     """
     settings = {}
-    for name, value, crc in db.execute(
-        "SELECT name, value, crc FROM settings WHERE ?1 IS NULL OR name = ?1", (only,)
-    ).fetchall():
+    query = "SELECT name, value, crc FROM settings WHERE ?1 IS NULL OR name = ?1"
+    for name, value, crc in db.execute(query, (only,)).fetchall():
         if not intact_setting(name, value, crc):
             raise StoreError(damaged_setting(path, name))
         settings[name] = value

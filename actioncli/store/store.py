@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
 from actioncli.store.backup import changing
-from actioncli.store.cache import (
-    Snapshot,
-    read_snapshot,
-    rename_embeddings,
-    write_embeddings,
-)
+from actioncli.store.cache import Snapshot, read_snapshot, rename_embeddings, write_embeddings
 from actioncli.store.database import reading
 from actioncli.store.examples import (
     Example,
@@ -101,12 +96,14 @@ class SupportStore:
         negative: bool = False,
         embeddings: Sequence[NDArray[np.float32]] = (),
         weights_checksum: str = "",
+        missing: Mapping[int, NDArray[np.float32]] | None = None,
     ) -> list[Inserted]:
         """Keep all of the labelled clips, or none; one answer for each, in order.
 
         Args:
             embeddings: (F, E) of each clip, or none, to be kept beside them.
             weights_checksum: names the weights that computed the embeddings.
+            missing: (F, E) by example, of those that are there and had none for these weights.
 
         Raises:
             UsageError, ClipError: as `enroll`.
@@ -121,7 +118,7 @@ class SupportStore:
             enrolled = [insert(db, record) for record in records]
             if len(embeddings):
                 fresh = zip([one.example for one in enrolled], embeddings, strict=True)
-                write_embeddings(db, weights_checksum, dict(fresh))
+                write_embeddings(db, weights_checksum, {**(missing or {}), **dict(fresh)})
             return enrolled
 
     def actions(self) -> list[Action]:
@@ -131,11 +128,10 @@ class SupportStore:
             if db is None:
                 return actions
             # Fetched at once: a cursor would live on with an error, and keep the store locked.
-            rows = db.execute(
+            for label, examples, seconds, added, negative in db.execute(
                 "SELECT label, count(*), total((frames - 1) / fps), max(added), max(negative) "
                 "FROM examples GROUP BY label ORDER BY label"
-            ).fetchall()
-            for label, examples, seconds, added, negative in rows:
+            ).fetchall():
                 require_label(label)
                 require(str, added)
                 actions.append(Action(label, examples, seconds, added, bool(negative)))
@@ -268,16 +264,16 @@ class SupportStore:
             SupportError: nothing is enrolled.
             StoreError: the file cannot be written, or something else of that name is there.
         """
-        from actioncli.store.archive import Entry, write_archive
+        from actioncli.store.archive import write_archive
 
         with reading(self.path) as db:
-            outlines = read_outlines(db, self.path) if db else []
+            outlines = read_outlines(db, self.path) if db else {}
             if db is None or not outlines:
                 raise SupportError(f"Nothing is enrolled in {self.path}: nothing to export.")
             write_archive(
                 Path(path).absolute(),
-                [Entry(outline, confidence) for _, outline, confidence in outlines],
-                (read_record(db, self.path, example) for example, _, _ in outlines),
+                list(outlines.values()),
+                (read_record(db, self.path, example) for example in outlines),
                 read_settings(db, self.path),
             )
         return len(outlines)
@@ -322,14 +318,10 @@ class SupportStore:
 
     def set_setting(self, name: str, value: str | None) -> None:
         """Remember a value; None forgets it, if there is one."""
-        if value is None:
-            with reading(self.path) as db:
-                if (
-                    not db
-                    or not db.execute("SELECT 1 FROM settings WHERE name = ?", (name,)).fetchone()
-                ):
-                    return  # forgetting must not create a store
-        with changing(self.path) as db:
+        with reading(self.path) as db:
+            if value is None and db is None:
+                return  # forgetting must not create a store
+        with changing(self.path, erases=value is None) as db:
             if value is None:
                 db.execute("DELETE FROM settings WHERE name = ?", (name,))
             else:

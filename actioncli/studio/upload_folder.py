@@ -7,21 +7,18 @@ import re
 import secrets
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 from starlette.requests import Request
 
 from actioncli.errors import UsageError
-from actioncli.files import NoHomeError, is_own_folder, user_folder
+from actioncli.files import NoHomeError, marked_folder, user_folder
 from actioncli.studio import sweeper
 from actioncli.studio.sweeper import delete_uploads
 
 # A folder that is older was left by a machine that lost power; no page is used for so long.
 _OLD_SECONDS = 7 * 24 * 3600
-# Only a folder that holds this file with these bytes is used, and swept.
-MARK, _MARK_CONTENT = ".actioncli-uploads", b"actioncli: uploads lie here and are deleted\n"
 _RANDOM_NAME = re.compile("[0-9a-f]{32}")
 
 
@@ -57,7 +54,11 @@ class UploadFolder:
         except NoHomeError as error:
             raise UsageError(str(error)) from error
         try:
-            _claim(base)
+            if not marked_folder(base):
+                raise UsageError(
+                    f"{base}: uploads lie in a folder of this name, and something else is there; "
+                    "move it."
+                )
             _sweep(base)
             self.folder = base / secrets.token_hex(16)
             self.folder.mkdir(mode=0o700)
@@ -116,33 +117,6 @@ async def receive(request: Request, folder: UploadFolder, suffix: str, limit: in
             raise UsageError(f"The upload cannot be kept: {error.strerror}.") from error
         raise
     return path
-
-
-def _claim(base: Path) -> None:
-    """Make the folder of all uploads, with its mark, unless it is there.
-
-    Raises:
-        UsageError: something else of that name is there.
-        OSError: it cannot be made.
-    """
-    base.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    mark = base / MARK
-    if not mark.exists():
-        # It appears with its mark: two pages may start at once.
-        made = Path(tempfile.mkdtemp(prefix="uploads-", dir=base.parent))
-        (made / MARK).write_bytes(_MARK_CONTENT)
-        try:
-            with contextlib.suppress(OSError):
-                base.rmdir()  # where it is empty
-            made.rename(base)
-        except OSError:
-            (made / MARK).unlink()
-            made.rmdir()
-    marked = mark.is_file() and mark.read_bytes() == _MARK_CONTENT
-    if not is_own_folder(base) or mark.is_symlink() or not marked:
-        raise UsageError(
-            f"{base}: uploads lie in a folder of this name, and something else is there; move it."
-        )
 
 
 def _sweep(base: Path) -> None:

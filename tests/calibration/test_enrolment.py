@@ -87,7 +87,10 @@ def recognizer() -> Recognizer:
     return Recognizer()
 
 
-def test_clips_are_kept_with_their_embeddings(store: SupportStore, recognizer: Recognizer) -> None:
+def test_clips_are_kept_with_their_embeddings_in_one_transaction(
+    store: SupportStore, recognizer: Recognizer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(SupportStore, "keep_embeddings")
     # As an older version, or other weights, would leave it.
     store.enroll("bow", BOW)
     first, again, other = enrol(store, recognizer, " squat ", [SQUAT, SQUAT, OTHER], "at home")

@@ -3,9 +3,13 @@
 import json
 import os
 import re
+import shutil
 from pathlib import Path
 
-from actioncli import SupportStore, __version__
+import pytest
+
+from actioncli import SupportStore, __version__, files
+from actioncli.cli import doctor
 
 from .conftest import ACTIONS, EXAMPLES, Invoke, Run
 
@@ -41,6 +45,28 @@ def test_a_library_of_the_system_that_is_missing_is_told(
     assert done.returncode == 70
     assert re.search(rf"^poses +problem +no video can be read: {told}$", done.stdout, re.M)
     assert done.stderr == "error: 1 problem: poses\n"
+
+
+@pytest.mark.parametrize("name", ["trx_os.safetensors", "pose_detector.onnx"])
+def test_an_altered_file_is_named_and_the_others_are_still_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Also weights that another program sealed again, whose own checksum fits."""
+    shipped = files.weights_folder()
+    shutil.copy(shipped / "SHA256SUMS", tmp_path)
+    listed = [line.split()[1] for line in (tmp_path / "SHA256SUMS").read_text().splitlines()]
+    suffixes = {".onnx", ".safetensors"}
+    assert {file.name for file in shipped.iterdir() if file.suffix in suffixes} <= {*listed}
+    for file in listed[1:]:
+        (tmp_path / file).symlink_to(shipped / file)
+    (tmp_path / name).unlink()
+    (tmp_path / name).write_bytes((shipped / name).read_bytes() + b" ")
+    monkeypatch.setattr(files, "weights_folder", lambda: tmp_path)
+    checks = {check.name: check for check in doctor._shipped_files()}
+    assert list(checks) == listed
+    assert [each for each in listed if checks[each].status != "ok"] == sorted([listed[0], name])
+    assert checks[name].detail.startswith("altered or damaged")
+    assert "No such file" in checks[listed[0]].detail
 
 
 def test_no_support_set_yet_is_no_problem(invoke: Invoke, home: Path) -> None:

@@ -16,7 +16,7 @@ KEY = {letter: 64 * letter for letter in "abc"}
 
 def kept() -> set[str]:
     """Names of what is in the cache, but for its mark."""
-    return {path.name for path in cache.cache_folder().iterdir()} - {cache.MARK}
+    return {path.name for path in cache.cache_folder().iterdir()} - {".actioncli-poses"}
 
 
 def poses(frames: int = 5) -> Poses:
@@ -115,7 +115,7 @@ def test_a_folder_of_the_users_is_left_alone(monkeypatch: pytest.MonkeyPatch) ->
         os.utime(folder / name, (1, 1))
     cache.keep(KEY["a"], poses())
     assert kept() == {"holiday.npz", "old.part", 64 * "f" + ".npz"}
-    (folder / cache.MARK).touch()  # what only looks like the mark
+    (folder / ".actioncli-poses").touch()  # what only looks like the mark
     cache.keep(KEY["a"], poses())
     assert len(kept()) == 3
     assert folder.stat().st_mode & 0o777 == 0o755
@@ -135,9 +135,9 @@ def test_in_its_own_folder_the_cache_deletes_only_what_it_made(
 def test_a_cache_of_an_earlier_release_is_adopted() -> None:
     folder = cache.cache_folder()
     cache.keep(KEY["a"], poses())
-    (folder / cache.MARK).unlink()
+    (folder / ".actioncli-poses").unlink()
     cache.keep(KEY["b"], poses())
-    assert (folder / cache.MARK).is_file()
+    assert (folder / ".actioncli-poses").is_file()
     assert cache.load(KEY["a"]) is not None
 
 

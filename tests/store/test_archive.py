@@ -393,8 +393,7 @@ def test_a_forged_checksum_does_not_help(
 
 def test_the_same_example_twice_is_added_once(exported: Path, tmp_path: Path) -> None:
     record = Record.from_clip("wave", make_clip(0))
-    entries = [archive.Entry(record, False)] * 3
-    archive.write_archive(exported, entries, [record] * 3)
+    archive.write_archive(exported, [record] * 3, [record] * 3)
     assert SupportStore(tmp_path / "other.db").import_(exported) == (1, 2)
 
 

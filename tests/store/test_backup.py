@@ -6,6 +6,7 @@ import os
 import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -56,6 +57,36 @@ def test_a_process_that_ends_leaves_a_copy_of_all(store: SupportStore) -> None:
     )
     subprocess.run([sys.executable, "-c", script, str(store.path)], check=True)
     assert copied(store) == {1: "clap"}
+
+
+@pytest.mark.parametrize(
+    "forget", [lambda s: s.set_setting("threshold", None), lambda s: s.clear(settings=True)]
+)
+def test_a_forgotten_setting_leaves_the_copy_before_the_store(
+    store: SupportStore, forget: Callable[[SupportStore], object]
+) -> None:
+    """A process that is killed then leaves no old threshold behind."""
+    store.enroll("wave", make_clip(0))
+    store.set_setting("threshold", "0.3")
+    finish_backups()
+    copy = SupportStore(backup_path(store.path))
+    assert copy.setting("threshold") == "0.3"
+    forget(store)
+    assert copy.setting("threshold") is None
+
+
+def test_a_copy_that_cannot_be_written_is_one_line_on_standard_error(store: SupportStore) -> None:
+    copy = backup_path(store.path)
+    copy.mkdir(parents=True)
+    script = (
+        "import sys; from actioncli import SupportStore\n"
+        "SupportStore(sys.argv[1]).set_setting('threshold', '0.3')"
+    )
+    for _ in "ab":
+        command = [sys.executable, "-c", script, str(store.path)]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        assert done.stderr.startswith(f"{copy}: this copy of the support set cannot be renewed: ")
+        assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("clear", [False, True])

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from actioncli.recognition.threshold import keep_threshold
 from actioncli.studio.app import Studio
 from actioncli.studio.support import SharedSupport
-from actioncli.studio.upload_folder import MARK, UploadFolder
+from actioncli.studio.upload_folder import UploadFolder
 
 from .browsing import CHROMIUM, FILM, OPTIONS, opened, write_film
 from .serving import Client, serving
@@ -35,7 +35,7 @@ def served(home: Path) -> Iterator[tuple[Studio, str]]:
         yield studio, address
     studio.close()
     uploads.close()
-    assert [file.name for file in (home / "uploads").iterdir()] == [MARK]
+    assert [file.name for file in (home / "uploads").iterdir()] == [".actioncli-uploads"]
 
 
 @pytest.fixture

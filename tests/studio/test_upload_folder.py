@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from actioncli.errors import UsageError
-from actioncli.studio.upload_folder import MARK, UploadFolder
+from actioncli.studio.upload_folder import UploadFolder
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_what_a_killed_studio_left_goes(cache: Path) -> None:
     assert files[0].exists()
     age(*files, left.folder)
     open_and_close()
-    assert [entry.name for entry in (cache / "uploads").iterdir()] == [MARK]
+    assert [entry.name for entry in (cache / "uploads").iterdir()] == [".actioncli-uploads"]
 
 
 def test_what_the_tool_did_not_make_survives(cache: Path) -> None:
@@ -66,7 +66,7 @@ def test_a_folder_of_somebody_else_is_refused(cache: Path, content: bytes | None
     mine.mkdir(parents=True)
     (mine / f"{mine.name}.mp4").write_text("film")
     if content is not None:
-        (cache / "uploads" / MARK).write_bytes(content)
+        (cache / "uploads" / ".actioncli-uploads").write_bytes(content)
     age(*cache.rglob("*"))
     before = sorted(cache.rglob("*"))
     with pytest.raises(UsageError, match="something else is there; move it"):
@@ -83,8 +83,10 @@ def test_links_are_refused_and_an_empty_folder_is_used(cache: Path, tmp_path: Pa
     (cache / "uploads").unlink()
     (cache / "uploads").mkdir()
     open_and_close()
-    (cache / "uploads" / MARK).unlink()
-    (cache / "uploads" / MARK).symlink_to(cache / "elsewhere" / MARK)
+    (cache / "uploads" / ".actioncli-uploads").unlink()
+    (cache / "uploads" / ".actioncli-uploads").symlink_to(
+        cache / "elsewhere" / ".actioncli-uploads"
+    )
     with pytest.raises(UsageError, match="move it"):
         UploadFolder()
 
