@@ -160,9 +160,8 @@ def _pack_archive(parts: Parts) -> bytes:
                 tensors[at : at + joints],
                 tensors[at + joints : end] or None,
             )
-            seen = fields.pop("confidence")
-            record = Record(**fields, joints=b"", confidence=None)
-            entries.append(archive.Entry(record, seen))
+            seen = b"" if fields.pop("confidence") else None
+            entries.append(Record(**fields, joints=b"", confidence=seen))
             at = end
         header = archive._header(entries, settings)
     except (KeyError, TypeError, AttributeError, OverflowError, MemoryError) as error:

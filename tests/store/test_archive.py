@@ -270,16 +270,10 @@ def test_a_hostile_header_is_refused(content: bytes, tmp_path: Path) -> None:
     ):  # fmt: skip
         refused(exported, len(text).to_bytes(8, "little") + text + b" " * 8)
     for changes in (
-        {"format": "another"},
-        {"version": "2"},
-        {"version": "\x1b[31m" * 100},
-        {"version": 1},
-        {"sha256": "0" * 64},
-        {"sha256": None},
-        {"examples": []},
-        {"examples": "\ud800"},
+        {"format": "another"}, {"version": "2"}, {"version": "\x1b[31m" * 100}, {"version": 1},
+        {"sha256": "0" * 64}, {"sha256": None}, {"examples": []}, {"examples": "\ud800"},
         {"surplus": "x"},
-    ):
+    ):  # fmt: skip
         message = refused(
             exported, with_header(content, header | {"__metadata__": metadata | changes})
         )
@@ -421,25 +415,13 @@ def test_settings_travel_and_are_read_with_suspicion(
     assert other.setting("threshold") == "0.25"
     metadata = header_of(whole)["__metadata__"]
     refused(file, whole.replace(b"0.25", b"0.75"), "settings are damaged")
+    long = json.dumps({"a": "x" * (archive.LARGEST_SETTING + 1)})
     for settings in (
-        "[]",
-        "{}",
-        '{"a": 1}',
-        '{"a": "\\u001b[2J"}',
-        '{"\\n": "x"}',
-        "x",
-        "[" * 9999,
-    ):
+        "[]", "{}", '{"a": 1}', '{"a": "\\u001b[2J"}', '{"\\n": "x"}', "x", "[" * 9999, long,
+    ):  # fmt: skip
         digest = hashlib.sha256(settings.encode()).hexdigest()
         forged = {**metadata, "settings": settings, "settings_sha256": digest}
         refused(file, with_header(whole, header_of(whole) | {"__metadata__": forged}))
-    long = json.dumps({"a": "x" * (archive.LARGEST_SETTING + 1)}, separators=(",", ":"))
-    forged = {
-        **metadata,
-        "settings": long,
-        "settings_sha256": hashlib.sha256(long.encode()).hexdigest(),
-    }
-    refused(file, with_header(whole, header_of(whole) | {"__metadata__": forged}), "too long")
     # Settings that an older release would pass over are not hidden in its version.
     hidden = {**metadata, "version": "1"}
     refused(file, with_header(whole, header_of(whole) | {"__metadata__": hidden}))

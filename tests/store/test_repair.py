@@ -184,16 +184,6 @@ def test_the_copy_fills_up_what_cannot_be_read(store: SupportStore) -> None:
     assert [(gone.id, gone.label) for gone in done.gone] == [(4, "later")]
 
 
-def test_what_was_removed_does_not_come_back(store: SupportStore) -> None:
-    store.enroll_all([("wave", make_clip(seed, 60)) for seed in range(3)])
-    assert make_backup(store.path)
-    store.remove("wave", 2)
-    flip(store, 0, copied=True)
-    done = store.repair()
-    assert done is not None
-    assert done.labels == {1: "wave", 3: "wave"}
-
-
 def test_a_damaged_copy_is_believed_only_where_it_is_proved(store: SupportStore) -> None:
     store.enroll_all([("wave", make_clip(seed, 60)) for seed in range(3)])
     assert make_backup(store.path)
@@ -275,17 +265,6 @@ def test_an_interrupted_write_is_undone_before_repairing(store: SupportStore) ->
     assert same(store.support()["wave"][0], make_clip(0, 60))
     assert [action.label for action in store.actions()] == ["wave"]
     assert store.setting("never") is None
-
-
-def test_a_journal_that_is_none_is_put_aside(store: SupportStore) -> None:
-    store.enroll_all([("wave", make_clip(seed, 60)) for seed in range(3)])
-    flip(store, 0)
-    journal = store.path.with_name("support.db-journal")
-    journal.write_bytes(b"junk" * 1000)
-    done = store.repair()
-    assert done is not None
-    assert len(done.labels) == 2
-    assert not journal.exists()
 
 
 def test_several_repairs_keep_several_files(store: SupportStore) -> None:
