@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -19,9 +20,12 @@ from actioncli.clips.skeleton import default_columns
 from actioncli.errors import ClipError
 
 _KEYS = ("joints_mm", "lengths", "labels", "subjects", "joint_names", "fps")
+_OPTIONAL = ("visibility", "active", "repetitions")
 _METRES = np.float32(0.001)
 # In whole numbers, the place of a joint that was not found.
 _NOT_FOUND = -32768
+# An active part shorter than this is none.
+_LEAST_FRAMES = 8
 # NTU RGB+D names performers in the file name (S001C002P003R002A013), others by s03, subject_3.
 _SUBJECT = re.compile(
     r"(?<=C\d{3})P\d{3}(?=R\d{3})"
@@ -74,8 +78,11 @@ def read_collection(path: str | os.PathLike[str]) -> Collection:
     Args:
         path: an `.npz` with `joints_mm` (sum of lengths, J, 3) in millimetres and the axes of
             `Clip`, `lengths` (N,), `labels` (N,), `subjects` (N,), `joint_names` (J,) and
-            `fps`, and optional `visibility` (sum of lengths, J) in percent; joints at
-            -32768 were not found. Or a folder with a folder of clips for each label.
+            `fps`; joints at -32768 were not found. Optional are `visibility` (sum of lengths, J)
+            in percent, and for recordings that hold more than the action `active` (N, 2), the
+            seconds in which it is done once, and `repetitions` (N,), how often it is done: the
+            one before and the one after then are clips too. Or a folder with a folder of clips
+            for each label.
 
     Raises:
         ClipError: it cannot be read, is damaged, or holds no clip.
@@ -112,16 +119,16 @@ def _from_archive(file: Path) -> Collection:
 
     check_file(file)
     try:
-        arrays = read_arrays(file, (*_KEYS, "visibility"), f"a collection needs {', '.join(_KEYS)}")
+        arrays = read_arrays(file, (*_KEYS, *_OPTIONAL), f"a collection needs {', '.join(_KEYS)}")
     except (OSError, MemoryError) as error:
         raise ClipError(f"{file}: cannot be read: {error}.") from error
     joints, names, fps, lengths = _checked(arrays, file)
     ends = np.cumsum(lengths)
     needed = sorted({at for columns in default_columns(names).values() for at in columns})
     gaps: BoolArray = np.logical_or.reduce(missing_joints(joints[:, needed]), axis=1)
-    kept: dict[int, Clip] = {}
-    for at, (end, length) in enumerate(zip(ends.tolist(), lengths.tolist(), strict=True)):
-        frames = slice(end - length, end)
+    kept: list[tuple[int, Clip]] = []
+    found = [(at, frames) for at in range(len(ends)) for frames in _actions(arrays, at, ends, fps)]
+    for at, frames in found:
         positions = joints[frames].astype(np.float32) * _METRES
         confidence = None
         if "visibility" in arrays:
@@ -134,16 +141,35 @@ def _from_archive(file: Path) -> Collection:
                 positions, _, confidence, _ = fill_gaps(positions, names, fps, where, confidence)
             if positions.shape[1] != len(names):
                 raise ClipError(f"{where}: joints are mostly missing.")
-            kept[at] = Clip(positions, names, fps, confidence, source=where)
+            kept.append((at, Clip(positions, names, fps, confidence, source=where)))
         except ClipError:
             # Still, empty or mostly gap: of no use for training, and no fault of the file.
             continue
     if not kept:
         raise ClipError(f"{file}: none of its {len(lengths)} clips moves.")
-    labels, subjects = (tuple(arrays[key][[*kept]].tolist()) for key in ("labels", "subjects"))
-    unusable = len(lengths) - len(kept)
-    notes = (f"{unusable} of {len(lengths)} clips skipped (still or mostly gap)",)
-    return Collection(tuple(kept.values()), labels, subjects, file.stem, notes if unusable else ())
+    rows, clips = zip(*kept, strict=True)
+    labels, subjects = (tuple(arrays[key][[*rows]].tolist()) for key in ("labels", "subjects"))
+    unusable = len(found) - len(kept)
+    notes = (f"{unusable} of {len(found)} clips skipped (still or mostly gap)",)
+    return Collection(clips, labels, subjects, file.stem, notes if unusable else ())
+
+
+def _actions(
+    arrays: Mapping[str, NDArray[Any]], at: int, ends: NDArray[np.int64], fps: float
+) -> list[slice]:
+    """The frames in which recording `at` shows its action: all, or what `active` says."""
+    begin, end = int(ends[at] - arrays["lengths"][at]), int(ends[at])
+    if "active" not in arrays:
+        return [slice(begin, end)]
+    first, last = (arrays["active"][at] * fps).tolist()
+    first, last = begin + int(first), min(begin + math.ceil(last) + 1, end)
+    long = last - first
+    if long < _LEAST_FRAMES:
+        return [slice(begin, end)]
+    spans = [(first, last)]
+    if "repetitions" in arrays and arrays["repetitions"][at] > 1:
+        spans += [(first - long, first), (last, last + long)]
+    return [slice(*span) for span in spans if begin <= span[0] and span[1] <= end]
 
 
 def _checked(
@@ -184,6 +210,15 @@ def _checked(
         raise ClipError(
             f"{file}: visibility must be percent (frames, joints) = {joints.shape[:2]}."
         )
+    active, repetitions = arrays.get("active"), arrays.get("repetitions")
+    if active is not None and not (
+        active.shape == (len(lengths), 2) and active.dtype.kind in "iuf" and np.all(active >= 0)
+    ):
+        raise ClipError(f"{file}: active must be seconds, start and end of each recording.")
+    if repetitions is not None and not (
+        repetitions.shape == lengths.shape and repetitions.dtype.kind in "iu"
+    ):
+        raise ClipError(f"{file}: repetitions must be a count for each recording.")
     rate = arrays["fps"]
     fps = float(rate.reshape(-1)[0]) if rate.size == 1 and rate.dtype.kind in "iuf" else 0.0
     if not LEAST_FPS <= fps <= MOST_FPS:

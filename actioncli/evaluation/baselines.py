@@ -97,7 +97,7 @@ def cohort_clips(
     rng = np.random.default_rng(seed)
     trained: list[list[Clip]] = []
     for collection in collections:
-        classes = set(splits.classes(collection.name, "train", collection.labels))
+        classes = set(splits.names(collection.name, "train", collection.labels))
         numbers = [clip for clip, label in enumerate(collection.labels) if label in classes]
         trained.append([collection.clips[clip] for clip in rng.permutation(numbers)])
     # in turn from all collections, so that each gives its share while it has clips

@@ -14,7 +14,7 @@ from actioncli.errors import ClipError, UsageError
 # Some hundred thousand names of classes.
 _LARGEST = 8 * MEGABYTE
 
-PARTS = ("train", "benchmark", "excluded")
+PARTS = ("train", "benchmark", "excluded", "people")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +26,13 @@ class Split:
         benchmark: measured, never trained on before.
         excluded: show an action of the benchmark under another name or from another sensor;
             neither trained on for a benchmark figure nor measured.
+        people: performers who are measured and never trained on; none where classes alone tell.
     """
 
     train: tuple[str, ...]
     benchmark: tuple[str, ...]
     excluded: tuple[str, ...]
+    people: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +47,16 @@ class Splits:
     source: str
     by_collection: dict[str, Split]
 
-    def classes(self, collection: str, part: str, present: Sequence[str]) -> tuple[str, ...]:
-        """Classes of one part of a collection, possibly none.
+    def names(self, collection: str, part: str, present: Sequence[str]) -> tuple[str, ...]:
+        """Names of one part of a collection, possibly none.
 
         Args:
             collection: its name, the file name without suffix.
-            part: "train", "benchmark" or "excluded".
-            present: labels that the collection holds.
+            part: "train", "benchmark" or "excluded"; or "people".
+            present: labels, or performers, that the collection holds.
 
         Raises:
-            UsageError: the file does not name the collection, or names a class that is not in it.
+            UsageError: the file does not name the collection, or names what is not in it.
         """
         split = self.by_collection.get(collection)
         if split is None:
@@ -66,14 +68,15 @@ class Splits:
         missing = sorted(set(named) - set(present))
         if missing:
             raise UsageError(
-                f"{self.source}: names classes of {collection!r} that are not in it: "
+                f"{self.source}: names {part} of {collection!r} that are not in it: "
                 f"{', '.join(missing)}. Is it the split of another release?"
             )
         return named
 
 
 def read_splits(path: str | Path) -> Splits:
-    """Read `{"collection": {"train": [...], "benchmark": [...], "excluded": [...]}}`.
+    """Read `{"collection": {"train": [...], "benchmark": [...], "excluded": [...]}}`, with names of
+    classes, and `"people": [...]` with names of performers.
 
     A part may be left out and is then empty.
 
@@ -109,9 +112,9 @@ def _split(source: str, collection: str, parts: object) -> Split:
     for part in PARTS:
         classes = parts.get(part, [])
         if not isinstance(classes, list) or not all(isinstance(name, str) for name in classes):
-            raise UsageError(f"{where}: {part} must be a list of class names.")
+            raise UsageError(f"{where}: {part} must be a list of names.")
         found[part] = tuple(classes)
-    everything = [name for classes in found.values() for name in classes]
+    everything = [name for part in PARTS[:3] for name in found[part]]
     twice = sorted(name for name, times in Counter(everything).items() if times > 1)
     if twice:
         raise UsageError(f"{where} names {', '.join(twice)} more than once.")

@@ -82,21 +82,24 @@ class Task:
         shots: int,
         seed: int,
     ) -> Task:
-        """Keep the benchmark classes, or all of them without splits.
+        """Keep the benchmark classes and people, or all of them without splits.
 
         Raises:
             ClipError: no such class, or performers that do not suit the protocol.
             UsageError: the splits do not fit the collection.
         """
-        wanted = (
-            splits.classes(collection.name, "benchmark", collection.labels)
-            if splits is not None
-            else collection.labels
-        )
-        classes = tuple(sorted(set(wanted)))
+        wanted, people = set(collection.labels), set(collection.subjects)
+        if splits is not None:
+            wanted = set(splits.names(collection.name, "benchmark", collection.labels))
+            people = set(splits.names(collection.name, "people", collection.subjects)) or people
+        classes = tuple(sorted(wanted))
         if not classes:
             raise ClipError(f"{collection.name}: the splits keep none of its classes for this.")
-        kept = [clip for clip, label in enumerate(collection.labels) if label in set(classes)]
+        kept = [
+            clip
+            for clip, of in enumerate(zip(collection.labels, collection.subjects, strict=True))
+            if of[0] in wanted and of[1] in people
+        ]
         sampler = Sampler(
             collection.name,
             [collection.labels[clip] for clip in kept],

@@ -68,7 +68,7 @@ def training_set(collections: Sequence[Collection], splits: Splits | None = None
 
     Args:
         collections: what to train on.
-        splits: keep only their `train` classes; None keeps all.
+        splits: keep only their `train` classes, without their `people`; None keeps all.
 
     Raises:
         UsageError: the splits do not fit the collections, or nothing is left.
@@ -78,13 +78,14 @@ def training_set(collections: Sequence[Collection], splits: Splits | None = None
     subjects: list[str] = []
     sources: list[int] = []
     for number, collection in enumerate(collections):
-        wanted = set(collection.labels)
+        wanted, kept_apart = set(collection.labels), set[str]()
         if splits is not None:
-            wanted = set(splits.classes(collection.name, "train", collection.labels))
+            wanted = set(splits.names(collection.name, "train", collection.labels))
+            kept_apart = set(splits.names(collection.name, "people", collection.subjects))
         for clip, label, subject in zip(
             collection.clips, collection.labels, collection.subjects, strict=True
         ):
-            if label in wanted:
+            if label in wanted and subject not in kept_apart:
                 clips.append(clip)
                 labels.append(f"{collection.name}/{label}")
                 subjects.append(f"{collection.name}/{subject}")

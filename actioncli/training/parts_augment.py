@@ -104,7 +104,13 @@ def at_times(batch: Batch, times: Tensor) -> Batch:
 
 
 def _seen_by_camera(bones: Tensor, chance: Generator, estimated: float) -> Tensor:
-    """Depth as a pose network guesses it: flattened along the line of sight, leaning, wandering."""
+    """Bones as a pose network finds them: what moves along the line of sight is flattened, every
+    bone leans, most of all in depth, and wanders.
+
+    BlazePose beside optical motion capture (17,847 frames, eight cameras, windows of 3 s): the
+    slope of found on true depth is 0.62 (quartiles 0.44 and 0.76); a bone's direction is off by
+    0.19 across, 0.23 up and 0.26 in depth throughout, and wanders by 0.08, 0.06 and 0.11.
+    """
     n = len(bones)
     chosen = (_uniform(chance, n, 1, 1, 1) < estimated).float()
     around, above = 0.6 * _normal(chance, n), 0.15 * _normal(chance, n)
@@ -112,11 +118,12 @@ def _seen_by_camera(bones: Tensor, chance: Generator, estimated: float) -> Tenso
         :, None, None
     ]
     along = (bones * depth).sum(-1, keepdim=True)
-    scale = 0.5 + 0.6 * _uniform(chance, n, 1, 1, 1)
-    lean = 0.2 * _uniform(chance, n, 1, 1, 1) * _normal(chance, n, 1, 14, 1)
+    scale = 0.4 + 0.6 * _uniform(chance, n, 1, 1, 1)
+    lean = 0.3 * _uniform(chance, n, 1, 1, 1) * _normal(chance, n, 1, 14, 1)
     lean = lean + 0.25 * _uniform(chance, n, 1, 1, 1) * _wander(chance, n, 14, 7)[..., None]
     lean = lean / LENGTHS.to(bones.device).clamp(min=0.3).sqrt()
-    return unit(bones + chosen * ((scale - 1) * along + lean) * depth)
+    across = 0.2 * _uniform(chance, n, 1, 1, 1) * _normal(chance, n, 1, 14, 3)
+    return unit(bones + chosen * (((scale - 1) * along + lean) * depth + across))
 
 
 def _unseen(batch: Batch, chance: Generator) -> Batch:

@@ -35,18 +35,18 @@ class PartsRecipe(Recipe):
     """
 
     name: str = "parts"
-    steps: int = 2600
+    steps: int = 3600
     ways: int = 20
     rate: float = 1e-3
     weight_decay: float = 0.05
     warm: int = 100
     floor: float = 0.02
-    validate_every: int = 250
+    validate_every: int = 300
     config: PartsConfig = field(default_factory=PartsConfig)
     tasks: int = 3
     dropout: float = 0.15
     hard: float = 0.7
-    negative: float = 1.0
+    negative: float = 1.5
     averaging: float = 0.998
 
 
@@ -70,7 +70,6 @@ class PartsRun(Run[PartsRecipe]):
     def loss(self, state: TrainingState, rng: np.random.Generator) -> tuple[Tensor, float]:
         """Of several tasks."""
         chance = torch.Generator(self.device).manual_seed(int(rng.integers(2**62)))
-        torch.manual_seed(int(rng.integers(2**62)))  # dropout has no generator of its own
         ways = self.recipe.ways
         drawn = [self._tasks.draw(ways, rng, chance) for _ in range(self.recipe.tasks)]
         return _loss(self.recipe, state.params, drawn, chance)
@@ -101,7 +100,11 @@ def _loss(
     seen = augment(joined(clips), chance)
 
     def drop(x: Tensor) -> Tensor:
-        return functional.dropout(x, recipe.dropout)
+        # A byte a number: four times as fast on a processor as torch's own dropout.
+        words = torch.empty(-(-x.numel() // 8), dtype=torch.int64, device=x.device)
+        words.random_(-(2**63), None, generator=chance)
+        kept = words.view(torch.uint8)[: x.numel()].view(x.shape) >= round(256 * recipe.dropout)
+        return x * (kept / (1 - recipe.dropout))
 
     config = recipe.config
     embedded = parts.embed(params, config, parts_tokens.tokens(config, *seen), drop)

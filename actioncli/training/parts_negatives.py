@@ -16,6 +16,8 @@ from actioncli.training.parts_augment import (
 )
 
 KINDS = ("reversed", "limb frozen", "static", "four blocks", "first quarter", "mirrored")
+# How often each is made: those that pass most easily most often.
+SHARES = (0.26, 0.28, 0.07, 0.2, 0.06, 0.13)
 
 
 def negatives(batch: Batch, kind: Tensor, chance: Generator) -> Batch:

@@ -13,7 +13,7 @@ from actioncli.clips.parts import prepare_parts
 from actioncli.clips.prepare import Preparation
 from actioncli.training.data import TrainingSet
 from actioncli.training.parts_augment import Batch, mirrored
-from actioncli.training.parts_negatives import KINDS, apart, backwards, negatives
+from actioncli.training.parts_negatives import SHARES, apart, backwards, negatives
 
 # Of two performances of one action, how much nearer than these a negative may not be to the
 # recording that it was made of: nearer, the change left the motion as it was.
@@ -112,7 +112,8 @@ class PartTasks:
         typical = own[own > 0].median() if bool((own > 0).any()) else between.median()
         same = between < _ALIKE * torch.where(own > 0, own, typical)[:, None]
         same = (same | same.T) & ~torch.eye(w, dtype=torch.bool, device=device)
-        kind = torch.randint(len(KINDS), (w,), generator=chance, device=device)
+        shares = torch.tensor(SHARES, device=device)
+        kind = torch.multinomial(shares, w, replacement=True, generator=chance)
         of_query = torch.rand(w, generator=chance, device=device) < 0.5
         source = Batch(
             *(

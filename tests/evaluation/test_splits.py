@@ -23,16 +23,16 @@ def write(folder: Path, content: object) -> Path:
 def test_reads_the_parts_of_each_collection(tmp_path: Path) -> None:
     splits = read_splits(write(tmp_path, {"a": {"train": ["x"], "benchmark": ["y", "z"]}}))
     assert splits.by_collection == {"a": Split(("x",), ("y", "z"), ())}
-    assert splits.classes("a", "benchmark", ["x", "y", "z"]) == ("y", "z")
-    assert splits.classes("a", "excluded", ["x"]) == ()
+    assert splits.names("a", "benchmark", ["x", "y", "z"]) == ("y", "z")
+    assert splits.names("a", "excluded", ["x"]) == ()
 
 
 def test_unknown_collection_and_missing_class_are_named(tmp_path: Path) -> None:
     splits = read_splits(write(tmp_path, {"a": {"train": ["x"]}}))
     with pytest.raises(UsageError, match=r"splits\.json: says nothing .* 'b', only about a"):
-        splits.classes("b", "train", ["x"])
+        splits.names("b", "train", ["x"])
     with pytest.raises(UsageError, match="not in it: x"):
-        splits.classes("a", "train", ["y"])
+        splits.names("a", "train", ["y"])
 
 
 @pytest.mark.parametrize(

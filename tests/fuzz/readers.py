@@ -98,7 +98,7 @@ def _store(file: Path) -> object:
 def _splits(file: Path) -> object:
     splits = read_splits(file)
     return [
-        splits.classes(name, part, getattr(split, part))
+        splits.names(name, part, getattr(split, part))
         for name, split in splits.by_collection.items()
         for part in ("train", "benchmark", "excluded")
     ]
