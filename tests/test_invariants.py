@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -175,19 +174,6 @@ def in_the_mirror(clip: Clip) -> Clip:
         for name in clip.joint_names
     ]
     return Clip(clip.joints * np.float32([-1, 1, 1]), names, clip.fps)
-
-
-def mirrored(support: Mapping[str, Sequence[Clip]]) -> dict[str, list[Clip]]:
-    return {label: [in_the_mirror(clip) for clip in kept] for label, kept in support.items()}
-
-
-@FEW
-@given(query=clips())
-def test_the_mirror(recognizer: Recognizer, query: Clip) -> None:
-    """A left hand is to a left hand what a right one is to a right one."""
-    as_it_is = recognizer.compare([query], SUPPORT)
-    seen = recognizer.compare([in_the_mirror(query)], mirrored(SUPPORT))
-    same(as_it_is, seen, FAR)
 
 
 def test_mirrored_twice_is_the_clip_itself(recognizer: Recognizer) -> None:

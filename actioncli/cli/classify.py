@@ -229,7 +229,7 @@ def _explain(
         shown += [store.examples(each.label)[0] for each in decision.ranking[1:SHOWN]]
         named = [(each, f"example {each.id}, {each.source}") for each in shown]
         neighbours = [Neighbour(each.label, text, store.clip(each.id)) for each, text in named]
-    case = Explained(clip, decision, found, recognizer.weights.trx_os)
+    case = Explained(clip, decision, found, recognizer.weights.config.preparation)
     write_explanation(page, case, neighbours)
     settings.tell(f"explained in {printable(page)}")
 

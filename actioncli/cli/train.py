@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from actioncli.training.loop import Progress
 
-RECIPES = ("default", "parts", "paper")
+RECIPES = ("default", "paper")
 # Seconds between progress lines where standard error is a file.
 _LOG_SECONDS = 30.0
 
@@ -37,7 +37,7 @@ def train(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the weights go.")],
     recipe: Annotated[
         str,
-        typer.Option(metavar="NAME", help="default, paper (TRX-OS as published), or parts (new)."),
+        typer.Option(metavar="NAME", help="default, or paper (TRX-OS as published)."),
     ] = "default",
     splits: Annotated[
         Path | None,
@@ -80,7 +80,7 @@ def train(
     from actioncli.clips.collection import read_collection
     from actioncli.evaluation.splits import read_splits
     from actioncli.model.weights import read_weights
-    from actioncli.training import default, loop, paper, parts_loop
+    from actioncli.training import default, loop, paper
     from actioncli.training.data import hold_out, training_set
 
     if recipe not in RECIPES:
@@ -104,8 +104,6 @@ def train(
     run: loop.Run[Any]
     if recipe == "default":
         run = default.DefaultRun(default.DefaultRecipe(), *given)
-    elif recipe == "parts":
-        run = parts_loop.PartsRun(parts_loop.PartsRecipe(), *given)
     else:
         run = paper.PaperRun(paper.PaperRecipe(), *given)
     with _reports(settings) as report:

@@ -1,4 +1,4 @@
-"""Body parts over time: the bones that the parts model reads of a clip, and which parts were seen.
+"""Body parts over time: the bones that the part transformer reads, and which parts were seen.
 
 What was not seen gives no numbers: joints below `UNSEEN` are interpolated over short gaps, and
 beyond them take a place that follows from the joints that were seen.
@@ -44,7 +44,7 @@ BoolArray = NDArray[np.bool_]
 
 
 class PartFrames(NamedTuple):
-    """N clips as the parts model reads them.
+    """N clips as the part transformer reads them.
 
     Attributes:
         bones: (N, frames, 14, 3) unit vectors along `BONES`.

@@ -16,7 +16,7 @@ from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.prepare import Preparation, prepare
 from actioncli.errors import SupportError, UsageError
 from actioncli.evaluation.splits import Splits
-from actioncli.model.warping import warping_cost
+from actioncli.evaluation.warping import warping_cost
 from actioncli.recognition.decision import Comparison
 from actioncli.recognition.recognizer import Recognizer
 

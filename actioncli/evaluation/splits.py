@@ -32,7 +32,7 @@ class Split:
     train: tuple[str, ...]
     benchmark: tuple[str, ...]
     excluded: tuple[str, ...]
-    people: tuple[str, ...]
+    people: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,3 +72,8 @@ def normed(params: Params, name: str, x: Array) -> Array:
     centred = x - total(x) / numbers
     variance = dot(centred, centred)[..., None] / numbers
     return centred / np.sqrt(variance + 1e-5) * scale + shift
+
+
+def sigmoid(x: NDArray[Any]) -> NDArray[Any]:
+    """1 / (1 + exp(-x)); tanh cannot overflow, exp can."""
+    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * x), np.float32)

@@ -1,4 +1,4 @@
-"""The parts model: a cross-transformer that compares two clips body part by body part.
+"""The part transformer: a cross-transformer that compares two clips body part by body part.
 
 Every token of the query attends to the support's tokens of the same part; from what it finds
 come query-specific prototypes, as in TRX-OS, and the differences of all parts to them are judged
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.parts import PARTS
 from actioncli.model.arrays import Array, Params, like, linear, namespace, normed, relu, softmax
-from actioncli.model.parts_config import PartsConfig
+from actioncli.model.config import PartsConfig
 from actioncli.model.parts_tokens import BODY, HAND
 
 _KERNEL, _GROUPS = 5, 4
@@ -155,6 +155,33 @@ def paired_logits(
     return ((there + _one_way(params, config, supports, queries, drop)) / 2)[:, 0]
 
 
+def attention(params: Params, config: PartsConfig, queries: Embedded, supports: Embedded) -> Array:
+    """How much each token of queries attends to the tokens of the same part of supports.
+
+    Args:
+        queries: (P, 1, Q·T, W), all side by side for every support; or (P, S, T, W), one for
+            each support.
+        supports: (P, S, T, W).
+
+    Returns:
+        (P, S, Q·T, T), rows of sum 1.
+    """
+    xp = namespace(queries.keys)
+    rows, t = queries.keys.shape[2] // config.tokens, config.tokens
+    apart = like(queries.keys, _apart(t))
+    near = xp.abs(params["attention.decay"]) * (apart if rows == 1 else xp.tile(apart, (rows, 1)))
+    scaled = queries.keys * (params["attention.scale"] / config.key_width**0.5)
+    scores = scaled @ xp.matrix_transpose(supports.keys) - near
+    # A support without a part at all is attended to evenly, and its evidence is not counted.
+    unseen = xp.matrix_transpose((1 - supports.present) * _ever(supports))
+    return softmax(scores - 1e4 * unseen)
+
+
+def _ever(clips: Embedded) -> Array:
+    """(P, N, 1, 1), 1 where a clip shows a part at any time."""
+    return namespace(clips.keys).max(clips.present, axis=2, keepdims=True)
+
+
 def _one_way(
     params: Params,
     config: PartsConfig,
@@ -162,25 +189,11 @@ def _one_way(
     supports: Embedded,
     drop: Callable[[Array], Array],
 ) -> Array:
-    """Logits (S, Q) of what queries find in each support.
-
-    Args:
-        queries: (P, 1, Q·T, W), all side by side for every support; or (P, S, T, W), one for
-            each support.
-        supports: (P, S, T, W).
-    """
+    """Logits (S, Q) of what queries find in each support; shapes as in `attention`."""
     xp = namespace(queries.keys)
     w, t = config.key_width, config.tokens
-    s, rows = supports.keys.shape[1], queries.keys.shape[2]
-    q = rows // t
-    apart = like(queries.keys, _apart(t))
-    near = xp.abs(params["attention.decay"]) * (apart if q == 1 else xp.tile(apart, (q, 1)))
-    scaled = queries.keys * (params["attention.scale"] / w**0.5)
-    scores = scaled @ xp.matrix_transpose(supports.keys) - near  # (P, S, Q·T, T)
-    # A support without a part at all is attended to evenly, and its evidence is not counted.
-    ever = xp.max(supports.present, axis=2, keepdims=True)  # (P, S, 1, 1)
-    unseen = xp.matrix_transpose((1 - supports.present) * ever)
-    weights = softmax(scores - 1e4 * unseen)
+    s, q = supports.keys.shape[1], queries.keys.shape[2] // t
+    weights = attention(params, config, queries, supports)
     # Evidence is relu([|q - p|, q, q - p] M + b) of the values q and their prototype p; what of it
     # is linear in p is attended to beside p itself, before there are pairs.
     reduced = supports.values @ params["evidence.difference.weight"]
@@ -189,7 +202,7 @@ def _one_way(
     asked = queries.values @ own + params["evidence.bias"]
     apart_values = xp.abs(queries.values - found[..., :w])
     evidence = relu(apart_values @ params["evidence.apart.weight"] + asked - found[..., w:])
-    evidence = evidence * (queries.present * ever)
+    evidence = evidence * (queries.present * _ever(supports))
     evidence = xp.reshape(xp.permute_dims(evidence, (1, 2, 0, 3)), (s, q, t, -1))
     moments = drop(relu(linear(params, "parts", evidence)))  # (S, Q, T, 2E)
     importance = xp.permute_dims(moments @ params["moment.weight"], (0, 1, 3, 2))  # (S, Q, 1, T)

@@ -1,4 +1,4 @@
-"""From clips to the score of query and action with the parts model, numpy only."""
+"""From clips to the score of query and action with the part transformer, numpy only."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.parts import PARTS, prepare_parts
 from actioncli.model import parts, parts_tokens
 from actioncli.model.arrays import Params
-from actioncli.model.parts_config import PartsConfig
+from actioncli.model.config import PartsConfig
 
 # Pairs of query and example that are compared in one piece: enough for full matrix speed, few
 # enough that what is between the layers stays in the processor's cache.

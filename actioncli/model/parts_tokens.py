@@ -1,4 +1,4 @@
-"""What the parts model reads of prepared clips, for numpy arrays and torch tensors alike."""
+"""What the part transformer reads of prepared clips, for numpy arrays and torch tensors alike."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from actioncli.clips.parts import PARTS
 from actioncli.clips.skeleton import BONES
 from actioncli.model.arrays import Array, like, namespace
-from actioncli.model.parts_config import PartsConfig
+from actioncli.model.config import PartsConfig
 
 # Bones of torso, arms and legs; the last one of each ends where the part ends.
 _BONES = ((2, 7, 0), (8, 10, 12), (9, 11, 13), (0, 3, 5), (1, 4, 6))

@@ -4,19 +4,17 @@ Berti, Rosasco, Colledanchise, Natale: "One-Shot Open-Set Skeleton-Based Action 
 arXiv 2209.04288, built on the temporal cross-transformer TRX (Perrett et al., CVPR 2021).
 
 Everything here takes numpy arrays (inference) or torch tensors (training): the functions use
-only what the array API standard has. Shapes: N clips, F tokens (the paper's are single frames),
-J joints, D features per token, P = F(F-1)/2 ordered pairs of tokens, W key and value width,
-n examples of an action.
+only what the array API standard has. Shapes: N clips, F tokens (frames), J joints, D features per
+token, P = F(F-1)/2 ordered pairs of tokens, W key and value width, n examples of an action.
 
 A linear map of a concatenated pair [a; b] is the sum of a map of a and a map of b. So each token
 is projected once by both halves of the key and the value map, and pairs are formed by adding
-rows; the (P, 2D) matrix of concatenated pairs never exists. The projected tokens are the larger
-part of a clip's *embedding*.
+rows; the (P, 2D) matrix of concatenated pairs never exists. The projected tokens are a clip's
+*embedding*.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -26,11 +24,12 @@ from actioncli.model.arrays import (
     Array,
     Params,
     dot,
+    like,
     linear,
     namespace,
     normed,
     relu,
-    total,
+    softmax,
 )
 from actioncli.model.config import ModelConfig
 
@@ -38,29 +37,11 @@ from actioncli.model.config import ModelConfig
 def parameter_shapes(config: ModelConfig) -> dict[str, tuple[int, ...]]:
     """Name and shape of every tensor that training learns."""
     inputs, width, key = config.inputs, config.width, config.key_width
-    shapes: dict[str, tuple[int, ...]] = {}
-    if config.convolutions:
-        shapes |= {"psi.0.weight": (inputs, width), "psi.0.bias": (width,)}
-        for block in range(config.convolutions):
-            name = f"psi.block{block}"
-            shapes |= {
-                f"{name}.norm.scale": (width,),
-                f"{name}.norm.shift": (width,),
-                f"{name}.conv.weight": (3 * width, width),
-                f"{name}.conv.bias": (width,),
-                f"{name}.out.weight": (width, width),
-                f"{name}.out.bias": (width,),
-            }
-        shapes |= {"psi.norm.scale": (width,), "psi.norm.shift": (width,)}
-        shapes |= {"positions": (config.tokens, width)}
-    else:
-        shapes |= {
-            "psi.0.weight": (inputs, 2 * inputs),
-            "psi.0.bias": (2 * inputs,),
-            "psi.1.weight": (2 * inputs, width),
-            "psi.1.bias": (width,),
-        }
-    return shapes | {
+    return {
+        "psi.0.weight": (inputs, 2 * inputs),
+        "psi.0.bias": (2 * inputs,),
+        "psi.1.weight": (2 * inputs, width),
+        "psi.1.bias": (width,),
         "key.weight": (2 * width, key),
         "key.bias": (key,),
         "key.norm.scale": (key,),
@@ -78,44 +59,19 @@ def parameter_shapes(config: ModelConfig) -> dict[str, tuple[int, ...]]:
     }
 
 
-def _kept(x: Array) -> Array:
-    return x
-
-
-def psi(
-    params: Params, config: ModelConfig, x: Array, drop: Callable[[Array], Array] = _kept
-) -> Array:
-    """Ψ, features of tokens.
-
-    The paper's is an MLP, J·3 → 2·J·3 → D with ReLU after each layer. With `convolutions` it is
-    a linear map and residual blocks x + out(ReLU(conv(norm(x)))), the convolution over three
-    neighbouring tokens, and a layer norm at the end.
+def psi(params: Params, x: Array) -> Array:
+    """Ψ, features of tokens: an MLP, J·3 → 2·J·3 → D with ReLU after each layer.
 
     Args:
-        x: (N, F, inputs) from `token_features`.
-        drop: dropout, in training.
+        x: (N, F, J, 3) prepared frames.
 
     Returns:
         (N, F, D).
     """
-    xp = namespace(x)
-    if not config.convolutions:
-        for layer in ("psi.0", "psi.1"):
-            x = relu(linear(params, layer, x))
-        return x
-    x = linear(params, "psi.0", x)
-    for block in range(config.convolutions):
-        name = f"psi.block{block}"
-        inner = normed(params, f"{name}.norm", x)
-        edge = xp.zeros_like(inner[:, :1])
-        beside = [
-            xp.concat([edge, inner[:, :-1]], axis=1),
-            inner,
-            xp.concat([inner[:, 1:], edge], axis=1),
-        ]
-        inner = relu(linear(params, f"{name}.conv", xp.concat(beside, axis=2)))
-        x = x + drop(linear(params, f"{name}.out", inner))
-    return normed(params, "psi.norm", x)
+    x = namespace(x).reshape(x, (*x.shape[:2], x.shape[2] * 3))
+    for layer in ("psi.0", "psi.1"):
+        x = relu(linear(params, layer, x))
+    return x
 
 
 @lru_cache(maxsize=8)
@@ -145,12 +101,9 @@ def project(params: Params, config: ModelConfig, features: Array) -> Array:
     return xp.concat(halves, axis=-1)
 
 
-def with_positions(params: Params, config: ModelConfig, features: Array) -> Array:
-    """Add what tells tokens apart by their place in the clip; fixed, or learned if it is there."""
-    if config.convolutions:
-        return features + params["positions"]
-    encoding = positional_encoding(config.tokens, config.width)
-    return features + namespace(features).asarray(encoding, device=features.device)
+def with_positions(config: ModelConfig, features: Array) -> Array:
+    """Add what tells tokens apart by their place in the clip."""
+    return features + like(features, positional_encoding(config.tokens, config.width))
 
 
 @lru_cache(maxsize=8)
@@ -160,14 +113,11 @@ def pair_indices(tokens: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(first.tolist()), tuple(second.tolist())
 
 
-def pairs(
-    params: Params, config: ModelConfig, projected: Array, chosen: Array | None = None
-) -> tuple[Array, Array]:
+def pairs(params: Params, config: ModelConfig, projected: Array) -> tuple[Array, Array]:
     """Keys Υ (layer-normalised; queries use the same map) and values Λ of pairs of tokens.
 
     Args:
-        projected: (N, F, 4·W) from `project`; further columns are ignored.
-        chosen: numbers of the pairs to form; all P without it.
+        projected: (N, F, 4·W) from `project`.
 
     Returns:
         keys (N, P, W) and values (N, P, W).
@@ -177,8 +127,6 @@ def pairs(
     first, second = (
         xp.asarray(index, device=projected.device) for index in pair_indices(config.tokens)
     )
-    if chosen is not None:
-        first, second = first[chosen], second[chosen]
 
     def of_pairs(at: int) -> Array:
         return xp.take(projected[..., at : at + w], first, axis=1) + xp.take(
@@ -189,26 +137,22 @@ def pairs(
 
 
 def attention(query_keys: Array, support_keys: Array) -> Array:
-    """Exponentials of the scaled products of keys, not yet divided by their sum.
+    """The softmax of the scaled products of keys.
 
     Args:
         query_keys: (..., P, W).
         support_keys: (..., n·P, W), all examples of one action together.
 
     Returns:
-        (..., P, n·P); rows divided by their sum are the attention of the query's pairs to the
-        support's, columns divided by theirs that of the support's pairs to the query's.
+        (..., P, n·P), the attention of the query's pairs to the support's.
     """
-    xp = namespace(query_keys)
     # Scaling the queries costs half of scaling the products.
     scaled = query_keys / query_keys.shape[-1] ** 0.5
-    scores = scaled @ xp.matrix_transpose(support_keys)
-    # One largest score for rows and columns: normalised keys keep scores within ±√W.
-    return xp.exp(scores - xp.max(scores, axis=(-2, -1), keepdims=True))
+    return softmax(scaled @ namespace(query_keys).matrix_transpose(support_keys))
 
 
 def prototypes(weights: Array, values: Array) -> Array:
-    """Specific prototypes: for each pair of one side the attended mean of the other's values.
+    """Specific prototypes: for each of the query's pairs the attended mean of the support's values.
 
     Args:
         weights: (..., P, n·P) from `attention`.
@@ -217,15 +161,14 @@ def prototypes(weights: Array, values: Array) -> Array:
     Returns:
         (..., P, W).
     """
-    # Normalising the product instead of the weights divides W instead of n·P numbers a row.
-    return weights @ values / total(weights)
+    return weights @ values
 
 
-def distance(config: ModelConfig, difference: Array) -> Array:
-    """T(Q, S): mean over pairs of the distance between the values and their prototype.
+def distance(difference: Array) -> Array:
+    """T(Q, S): mean over pairs of the squared distance between the values and their prototype.
 
-    The paper writes the Euclidean norm per pair, its authors' code the squared norm; see
-    `ModelConfig.distance` and the measurement in the model card.
+    The paper writes the Euclidean norm per pair, its authors' code the squared norm, which did
+    better; see the measurement in the model card.
 
     Args:
         difference: (..., P, W), values minus prototype.
@@ -233,41 +176,21 @@ def distance(config: ModelConfig, difference: Array) -> Array:
     Returns:
         (...).
     """
-    xp = namespace(difference)
-    squared = dot(difference, difference)
-    if config.distance == "l2":
-        squared = xp.sqrt(squared + 1e-6)
-    return xp.mean(squared, axis=-1)
-
-
-def tuple_features(params: Params, difference: Array) -> Array:
-    """First layer of Disc: each pair's difference reduced, (..., P, W) → (..., P, 16)."""
-    return relu(linear(params, "disc.tuple", difference))
-
-
-def judge(params: Params, features: Array) -> Array:
-    """The layers of Disc above `tuple_features`: flatten, 256, 64, 1.
-
-    Args:
-        features: (..., P, 16).
-
-    Returns:
-        (...) logits; their sigmoid is the probability that query and action agree.
-    """
-    xp = namespace(features)
-    x = xp.reshape(features, (*features.shape[:-2], features.shape[-2] * features.shape[-1]))
-    for layer in ("disc.0", "disc.1"):
-        x = relu(linear(params, layer, x))
-    return linear(params, "disc.2", x)[..., 0]
+    return namespace(difference).mean(dot(difference, difference), axis=-1)
 
 
 def discriminator(params: Params, difference: Array) -> Array:
-    """Disc: whether a difference is one between two performances of the same action.
+    """Disc: whether a difference is one between two performances of the same action. Each pair's
+    difference is reduced to 16, all are flattened, then 256, 64, 1.
 
     Args:
         difference: (..., P, W).
 
     Returns:
-        (...) logits.
+        (...) logits; their sigmoid is the probability that query and action agree.
     """
-    return judge(params, tuple_features(params, difference))
+    x = relu(linear(params, "disc.tuple", difference))
+    x = namespace(x).reshape(x, (*x.shape[:-2], x.shape[-2] * x.shape[-1]))
+    for layer in ("disc.0", "disc.1"):
+        x = relu(linear(params, layer, x))
+    return linear(params, "disc.2", x)[..., 0]

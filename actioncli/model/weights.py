@@ -15,11 +15,8 @@ import numpy as np
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
 from actioncli.files import replacing, weights_file
-from actioncli.model import parts
-from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import finalized_shapes
-from actioncli.model.parts_config import METHOD, PartsConfig
-from actioncli.model.trx_os import parameter_shapes
+from actioncli.model import parts, trx_os
+from actioncli.model.config import Config, PartsConfig, config_from_json, config_to_json
 
 FORMAT = "actioncli-weights"
 FORMAT_VERSION = "1"
@@ -34,43 +31,32 @@ class Weights:
 
     Attributes:
         config: how to prepare clips and which tensors there are.
-        tensors: float32 arrays by name, see `trx_os.parameter_shapes` and
-            `embedding.finalized_shapes`.
+        tensors: float32 arrays by name, see `parameter_shapes` of `parts` and `trx_os`; the
+            part transformer's file also holds what its confidence means and the embeddings
+            `cohort` of other people's motions, which only `calibrate` looks at.
         metadata: recipe, seed, steps, figures, sources, as plain JSON values.
         checksum: SHA-256 over configuration, metadata and tensors, hexadecimal; embeddings of
             one checksum are not comparable with those of another.
         path: the file they were read from.
     """
 
-    config: ModelConfig | PartsConfig
+    config: Config
     tensors: Mapping[str, FloatArray]
     metadata: Mapping[str, Any]
     checksum: str
     path: Path
 
-    @property
-    def trx_os(self) -> ModelConfig:
-        """The configuration, where the model is TRX-OS.
-
-        Raises:
-            WeightsError: it is another one.
-        """
-        if not isinstance(self.config, ModelConfig):
-            raise WeightsError(f"{self.path}: an explanation needs weights of TRX-OS.")
-        return self.config
-
 
 def write_weights(
     path: Path,
-    config: ModelConfig | PartsConfig,
+    config: Config,
     tensors: Mapping[str, np.ndarray[Any, Any]],
     metadata: Mapping[str, Any],
 ) -> str:
     """Write weights so that a crash leaves the old file or the new one, never half of one.
 
     Args:
-        tensors: as `parameter_shapes(config)` and `finalized_shapes(config, ...)` name them;
-            stored in the type they have.
+        tensors: as `Weights` has them; stored in the type they have.
         metadata: JSON values under any name but those of the header itself.
 
     Returns:
@@ -82,7 +68,7 @@ def write_weights(
     from safetensors.numpy import save
 
     stored = {name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()}
-    configuration, description = config.to_json(), json.dumps(dict(metadata), sort_keys=True)
+    configuration, description = config_to_json(config), json.dumps(dict(metadata), sort_keys=True)
     checksum = _checksum(configuration, description, stored)
     header = {
         "format": FORMAT,
@@ -129,7 +115,7 @@ def read_weights(path: str | Path | None = None) -> Weights:
         )
     try:
         configuration = header["config"]
-        config = _configuration(configuration)
+        config = config_from_json(configuration)
         description, checksum = header["metadata"], header["checksum"]
         metadata = json.loads(description)
     except (KeyError, ValueError, RecursionError) as error:
@@ -151,16 +137,13 @@ def read_weights(path: str | Path | None = None) -> Weights:
     return Weights(config, tensors, metadata, checksum, file)
 
 
-def _configuration(text: str) -> ModelConfig | PartsConfig:
-    values = json.loads(text)
-    method = values.get("method") if isinstance(values, dict) else None
-    return PartsConfig.from_json(text) if method == METHOD else ModelConfig.from_json(text)
-
-
-def _expected_shapes(config: ModelConfig | PartsConfig, cohort: int) -> dict[str, tuple[int, ...]]:
-    if isinstance(config, PartsConfig):
-        return parts.parameter_shapes(config) | parts.CONFIDENCE_SHAPES
-    return parameter_shapes(config) | finalized_shapes(config, cohort)
+def _expected_shapes(config: Config, cohort: int) -> dict[str, tuple[int, ...]]:
+    if not isinstance(config, PartsConfig):
+        return trx_os.parameter_shapes(config)
+    shapes = parts.parameter_shapes(config) | parts.CONFIDENCE_SHAPES
+    if cohort:
+        shapes["cohort"] = (cohort, config.tokens, config.embedding_width)
+    return shapes
 
 
 def _check_file(file: Path) -> None:

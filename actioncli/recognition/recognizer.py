@@ -13,12 +13,10 @@ import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
-from actioncli.clips.prepare import prepare_all
 from actioncli.errors import SupportError, UsageError, WeightsError
-from actioncli.model import compare, parts_compare
-from actioncli.model.arrays import softmax
-from actioncli.model.embedding import embed
-from actioncli.model.parts_config import PartsConfig
+from actioncli.model import paper_compare, parts_compare
+from actioncli.model.arrays import sigmoid, softmax
+from actioncli.model.config import PartsConfig
 from actioncli.model.weights import Weights, read_weights
 from actioncli.recognition.decision import Comparison, Decision, decide
 from actioncli.recognition.threshold import DEFAULT_TAU, Threshold
@@ -59,12 +57,11 @@ class Recognizer:
         cohort = self.weights.tensors.get("cohort")
         return self.embed([]) if cohort is None else cohort
 
-    def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
+    def embed(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         """What comparison needs of each clip.
 
         Args:
             clips: N of them; embeddings are given back as they are.
-            queries: leave out what only examples need.
 
         Returns:
             (N, F, E) float32.
@@ -80,8 +77,7 @@ class Recognizer:
         config = self.weights.config
         if isinstance(config, PartsConfig):
             return parts_compare.embed(self.weights.tensors, config, clips)
-        frames = prepare_all(clips, config.preparation)
-        return embed(self.weights.tensors, config, frames, queries)
+        return paper_compare.embed(self.weights.tensors, config, clips)
 
     def compare(
         self,
@@ -100,7 +96,7 @@ class Recognizer:
         """
         if not support:
             raise SupportError("the support set is empty; enrol an action first.")
-        query = self.embed(queries, queries=True)
+        query = self.embed(queries)
         examples = {label: self.embed(clips) for label, clips in support.items()}
         for label, embedding in examples.items():
             if not len(embedding):
@@ -110,7 +106,7 @@ class Recognizer:
         if isinstance(config, PartsConfig):
             distance, logit = parts_compare.scores(params, config, query, actions)
         else:
-            distance, logit = compare.scores(params, config, query, actions)
+            distance, logit = paper_compare.scores(params, config, query, actions)
         # Finite weights may be so large that sums of them are not.
         if np.isnan(distance).any() or np.isnan(logit).any():
             raise WeightsError(
@@ -119,7 +115,7 @@ class Recognizer:
         return Comparison(
             labels=np.array(list(support)),
             distance=distance,
-            confidence=compare.sigmoid(logit),
+            confidence=sigmoid(logit),
             probability=softmax(logit if config.distance_is_odds else -distance),
         )
 
@@ -209,7 +205,7 @@ class Recognizer:
         )
         decisions = []
         for block in [clips] if isinstance(clips, np.ndarray) else _blocks(clips):
-            embedded = self.embed(block, queries=True)
+            embedded = self.embed(block)
             comparison = self.compare(embedded, enrolled.actions)
             advance(len(block))
             for row, clip in enumerate(block):
@@ -233,7 +229,7 @@ class Recognizer:
             notes, spans = clip.notes, [(clip.start, clip.start + clip.duration)]
             # Of ten thousand windows only what their comparison gives is kept.
             for block in _blocks(windows(clip, enrolled.durations)):
-                of_block = self.compare(self.embed(block, queries=True), enrolled.actions)
+                of_block = self.compare(self.embed(block), enrolled.actions)
                 found.append((of_block.distance, of_block.confidence, of_block.probability))
                 spans += [(part.start, part.start + part.duration) for part in block]
                 enrolled.advance(len(block))
@@ -250,7 +246,7 @@ class Recognizer:
             embedded = whole
             if row and isinstance(clip, Clip):
                 start, end = (time - clip.start for time in spans[row])
-                embedded = self.embed([cut(clip, start, end)], queries=True)
+                embedded = self.embed([cut(clip, start, end)])
             apart = self.compare(embedded, enrolled.negatives)
             at = apart.distance[0].argmin()
             away = apart.distance[0, at] * (factor if row else 1)

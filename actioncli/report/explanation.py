@@ -9,6 +9,7 @@ from pathlib import Path
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import prepared_at
+from actioncli.clips.skeleton import LIMBS
 from actioncli.errors import UsageError
 from actioncli.files import replacing
 from actioncli.recognition.decision import Decision
@@ -76,10 +77,10 @@ def _sections(case: Explained, neighbours: Sequence[Neighbour], stage: Stage) ->
     yield _players(case, neighbours, stage)
     yield "<h2>The nearest actions</h2>"
     yield _ranking(decision)
-    yield f"<h2>What makes the distance to {nearest}</h2>"
+    yield f"<h2>What speaks for {nearest}</h2>"
     yield contributions(case)
     yield "<h2>What was compared with what</h2>"
-    yield attention(case, example.clip, f"{example.label}: {example.name}")
+    yield attention(case, f"{example.label}: {example.name}")
     yield "<h2>What happened to the clip before</h2>"
     yield _notes(case)
 
@@ -107,7 +108,7 @@ def _verdict(decision: Decision) -> str:
 
 
 def _players(case: Explained, neighbours: Sequence[Neighbour], stage: Stage) -> str:
-    query, preparation = case.query, case.config.preparation
+    query, preparation = case.query, case.preparation
     clips = [(f"<b>{escape(Path(query.source).name)}</b>the query", query)]
     for place, each in enumerate(neighbours):
         what = "nearest action" if place == 0 else f"number {place + 1}"
@@ -117,25 +118,22 @@ def _players(case: Explained, neighbours: Sequence[Neighbour], stage: Stage) -> 
         drawn = figure(clip)
         glow = _glow(drawn, case.explanation) if place == 0 else None
         shown.append((caption, playable(drawn, prepared_at(clip, preparation).tolist(), glow)))
-    mirrored = (
-        " The query resembles the nearest action more with left and right exchanged, and was "
-        "compared so, at a price in distance."
-        if case.explanation.mirrored
-        else ""
-    )
     return (
         stage.player("the query and the nearest actions", shown)
         + "<p>All clips go from their beginning to their end in the same time, as the model "
-        "compares them. Discs on the query are as large as a joint’s part of the distance. Left "
-        "of the body is blue, right is orange; joints that the source had to guess are hollow."
-        f"{mirrored}</p>"
+        "compares them. Discs on the query stand where a part speaks against the action. Left "
+        "of the body is blue, right is orange; joints that the source had to guess are hollow.</p>"
     )
 
 
 def _glow(drawn: Figure, explanation: Explanation) -> list[float]:
-    more = {joint: max(part, 0.0) for joint, part in explanation.joints.items()}
-    total = max(sum(more.values()), 1e-12)
-    return [more.get(name, 0.0) / total for name in drawn.names]
+    against = {
+        LIMBS[part][-1]: max(-lost, 0.0)
+        for part, lost in explanation.parts.items()
+        if part in LIMBS
+    }
+    total = max(sum(against.values()), 1e-12)
+    return [against.get(name, 0.0) / total for name in drawn.names]
 
 
 def _ranking(decision: Decision) -> str:
@@ -167,7 +165,7 @@ def _ranking(decision: Decision) -> str:
 
 
 def _notes(case: Explained) -> str:
-    query, preparation = case.query, case.config.preparation
+    query, preparation = case.query, case.preparation
     notes = [
         f"{len(query)} frames at {query.fps:.4g} a second ({query.duration:.1f} s), "
         f"{len(query.joint_names)} joints"

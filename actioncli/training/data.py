@@ -130,6 +130,14 @@ def hold_out(data: TrainingSet, seed: int) -> tuple[TrainingSet, TrainingSet]:
     return data.of_classes(kept), data.of_classes(held)
 
 
+def query_of(
+    data: TrainingSet, rows: Indices, support: np.int64, rng: np.random.Generator
+) -> np.int64:
+    """A clip of a class, of another performer than the support clip's where there is one."""
+    others = rows[data.subjects[rows] != data.subjects[support]]
+    return np.int64(rng.choice(others if len(others) else rows[rows != support]))
+
+
 # About as long as one action; a recording of several windows holds more than one.
 _WINDOW_SECONDS = 2.5
 

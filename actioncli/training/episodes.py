@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actioncli.training.data import Indices, TrainingSet
+from actioncli.training.data import Indices, TrainingSet, query_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,15 +52,8 @@ def draw_episodes(data: TrainingSet, batch: int, ways: int, rng: np.random.Gener
         known, others = classes[:ways], classes[ways:]
         for way, c in enumerate(known):
             support[b, way] = rng.choice(usable[int(c)])
-            queries[b, way] = _query(data, usable[int(c)], support[b, way], rng)
+            queries[b, way] = query_of(data, usable[int(c)], support[b, way], rng)
             targets[b, way] = way
         for way, c in enumerate(rng.choice(others, ways)):
             queries[b, ways + way] = rng.choice(usable[int(c)])
     return Episodes(support, queries, targets)
-
-
-def _query(
-    data: TrainingSet, rows: Indices, support: np.int64, rng: np.random.Generator
-) -> np.int64:
-    others = rows[data.subjects[rows] != data.subjects[support]]
-    return np.int64(rng.choice(others if len(others) else rows[rows != support]))

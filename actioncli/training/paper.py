@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,11 @@ from actioncli.clips.prepare import prepare
 from actioncli.errors import UsageError
 from actioncli.model.config import ModelConfig
 from actioncli.model.trx_os import parameter_shapes
-from actioncli.model.weights import Weights
 from actioncli.training.checkpoint import TrainingState
 from actioncli.training.episodes import draw_episodes
 from actioncli.training.loop import Recipe, Run, arrays
 from actioncli.training.paper_loss import episode_loss
-from actioncli.training.paper_validation import Validation
+from actioncli.training.validation import Validation
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +47,7 @@ class PaperRun(Run[PaperRecipe]):
     def prepare(self) -> TrainingState:
         """See `Run`."""
         recipe, members = self.recipe, self.data.members
-        self._validation = Validation(self.held, self.seed)
+        self._validation = Validation(self.held, recipe.config, self.seed)
         usable = sum(len(rows) > 1 for rows in members.values())
         if usable <= recipe.ways:
             raise UsageError(
@@ -72,9 +70,7 @@ class PaperRun(Run[PaperRecipe]):
 
     def validate(self, state: TrainingState) -> None:
         """Keep the weights if they are the best so far."""
-        now = Weights(self.recipe.config, arrays(state.params), {}, f"step-{state.step}", Path())
-        figures = self._validation.figures(now)
-        self.keep_best(state, asdict(figures))
+        self.keep_best(state, self._validation.figures(arrays(state.params)))
 
     def result(self, state: TrainingState) -> tuple[dict[str, Any], dict[str, Any]]:
         """The weights that did best."""

@@ -8,7 +8,6 @@ from torch.nn import functional
 
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
-from actioncli.model.features import token_features
 
 
 def episode_loss(
@@ -34,8 +33,7 @@ def episode_loss(
     batch, ways = support.shape[:2]
     asked = queries.shape[1]
     frames = torch.cat([support, queries], dim=1).flatten(0, 1)
-    features = trx_os.psi(params, config, token_features(config, frames))
-    features = trx_os.with_positions(params, config, features)
+    features = trx_os.with_positions(config, trx_os.psi(params, frames))
     keys, values = (
         of_pairs.unflatten(0, (batch, ways + asked))
         for of_pairs in trx_os.pairs(params, config, trx_os.project(params, config, features))
@@ -47,7 +45,7 @@ def episode_loss(
     prototype = trx_os.prototypes(weights, values[:, :ways])
     prototype = prototype.unflatten(2, (asked, pair_count)).transpose(1, 2)
     difference = values[:, ways:, None] - prototype  # (B, Q, K, P, W)
-    distances = trx_os.distance(config, difference)
+    distances = trx_os.distance(difference)
     known = targets >= 0
     loss = functional.cross_entropy(-distances[known], targets[known])
     nearest = distances.argmin(dim=2)

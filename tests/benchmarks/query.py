@@ -18,10 +18,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from actioncli.model.embedding import finalized_shapes
 
 import actioncli
 from actioncli.model.config import ModelConfig
-from actioncli.model.embedding import finalized_shapes
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights, read_weights
 

@@ -16,12 +16,12 @@ from .conftest import Invoke, write_collection
 pytest.importorskip("torch", reason="needs the extra train")
 
 from actioncli.cli import train as command
-from actioncli.model.parts_config import PartsConfig
+from actioncli.model.config import PartsConfig
 from actioncli.model.weights import read_weights
 from actioncli.training import loop
+from actioncli.training.default import DefaultRecipe
 from actioncli.training.loop import Progress
 from actioncli.training.paper import PaperRecipe
-from actioncli.training.parts_loop import PartsRecipe
 
 STEPS = 4
 
@@ -51,17 +51,17 @@ def test_a_run_is_told_and_written(invoke: Invoke, toy: Path, tmp_path: Path) ->
     assert document["best_step"] == document["validation"]["step"]
 
 
-def test_a_run_by_parts_is_written_and_asked(
+def test_a_run_is_written_and_asked(
     invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = PartsConfig(width=16, key_width=8, layers=1, evidence=8)
-    short = PartsRecipe(config=small, steps=2, ways=4, tasks=1, validate_every=2)
-    monkeypatch.setattr("actioncli.training.parts_loop.PartsRecipe", lambda: short)
+    short = DefaultRecipe(config=small, steps=2, ways=4, tasks=1, validate_every=2)
+    monkeypatch.setattr("actioncli.training.default.DefaultRecipe", lambda: short)
     out = tmp_path / "w.safetensors"
-    result = invoke("train", toy, "--recipe", "parts", "--out", out, "--threads", 1, "--json")
+    result = invoke("train", toy, "--out", out, "--threads", 1, "--json")
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
-    assert (document["recipe"], document["steps"], document["best_step"]) == ("parts", 2, 2)
+    assert (document["recipe"], document["steps"], document["best_step"]) == ("default", 2, 2)
     assert read_weights(out).config == small
     example = Path(__file__).parents[2] / "examples/squat/ada.npz"
     words = ["--weights", out, "--store", tmp_path / "store"]

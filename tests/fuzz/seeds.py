@@ -33,7 +33,7 @@ from clips.bodies import (
 from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import Preparation
 from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
-from actioncli.model.config import ModelConfig
+from actioncli.model.config import ModelConfig, config_to_json
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.recognition.threshold import Threshold, keep_threshold
 from actioncli.store.store import SupportStore
@@ -93,13 +93,15 @@ def main() -> None:
 def _weights() -> bytes:
     """The header of the smallest weights; `readers` adds tensors of zeros."""
     preparation = Preparation(joints=("pelv", "neck"), frames=2)
-    config = ModelConfig(preparation, width=1, key_width=1, tuple_width=1, tokens=2)
+    config = ModelConfig(preparation, width=1, key_width=1, tuple_width=1)
     header, at = {}, 0
     for name, shape in parameter_shapes(config).items():
         size = 2 * prod(shape)
         header[name] = {"dtype": "F16", "shape": shape, "data_offsets": [at, at + size]}
         at += size
-    return _pack_weights([config.to_json().encode(), b'{"seed": 1}', json.dumps(header).encode()])
+    return _pack_weights(
+        [config_to_json(config).encode(), b'{"seed": 1}', json.dumps(header).encode()]
+    )
 
 
 def _renamed(name: str, write: Callable[[Path], object]) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from cases import cases
@@ -11,10 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.prepare import Preparation
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
-from actioncli.model.features import token_features
 
 torch = pytest.importorskip("torch", reason="numpy is compared with torch")
 
@@ -57,10 +53,8 @@ def plain(params: dict[str, FloatArray], query: FloatArray, support: FloatArray)
 
 
 def projected(params: dict[str, FloatArray], frames: FloatArray) -> FloatArray:
-    features = trx_os.psi(params, CONFIG, token_features(CONFIG, frames))
-    return np.asarray(
-        trx_os.project(params, CONFIG, trx_os.with_positions(params, CONFIG, features))
-    )
+    features = trx_os.with_positions(CONFIG, trx_os.psi(params, frames))
+    return np.asarray(trx_os.project(params, CONFIG, features))
 
 
 def difference(params: dict[str, FloatArray], query: FloatArray, support: FloatArray) -> FloatArray:
@@ -82,29 +76,17 @@ def test_projecting_frames_first_equals_the_plain_tuple_matrix(seed: int, shots:
     )
 
 
-SWITCHED_ON = ModelConfig(
-    Preparation(frames=48, size="standard", heading=True),
-    distance="l2",
-    body_features=True,
-    convolutions=2,
-)
-
-
-@pytest.mark.parametrize(
-    "config", [CONFIG, replace(CONFIG, distance="l2"), SWITCHED_ON], ids=["paper", "l2", "default"]
-)
-def test_numpy_and_torch_agree(config: ModelConfig) -> None:
-    params = random_params(3, config)
-    frames = random_frames(4, 6, config.preparation.frames)
+def test_numpy_and_torch_agree() -> None:
+    params = random_params(3)
+    frames = random_frames(4, 6)
     tensors = {name: torch.from_numpy(value) for name, value in params.items()}
 
     def forward(weights, x):  # type: ignore[no-untyped-def]  # either array type
-        features = trx_os.psi(weights, config, token_features(config, x))
-        features = trx_os.with_positions(weights, config, features)
-        keys, values = trx_os.pairs(weights, config, trx_os.project(weights, config, features))
+        features = trx_os.with_positions(CONFIG, trx_os.psi(weights, x))
+        keys, values = trx_os.pairs(weights, CONFIG, trx_os.project(weights, CONFIG, features))
         attended = trx_os.attention(keys[:1], keys[1:])
         gap = values[:1] - trx_os.prototypes(attended, values[1:])
-        return trx_os.distance(config, gap), trx_os.discriminator(weights, gap)
+        return trx_os.distance(gap), trx_os.discriminator(weights, gap)
 
     for ours, theirs in zip(
         forward(params, frames), forward(tensors, torch.from_numpy(frames)), strict=True
@@ -115,17 +97,15 @@ def test_numpy_and_torch_agree(config: ModelConfig) -> None:
 def test_a_clip_is_nearer_to_itself_than_to_others() -> None:
     params, frames = random_params(0), random_frames(0, 8)
     distances = [
-        float(trx_os.distance(CONFIG, difference(params, frames[0], frames[[other]])))
-        for other in range(8)
+        float(trx_os.distance(difference(params, frames[0], frames[[other]]))) for other in range(8)
     ]
     assert np.argmin(distances) == 0
 
 
-def test_l2_is_the_mean_norm_and_squared_the_mean_squared_norm() -> None:
+def test_the_distance_is_the_mean_squared_norm() -> None:
     gap = np.zeros((120, 128), np.float32)
     gap[:, 0], gap[60:, 1] = 3.0, 4.0
-    assert trx_os.distance(ModelConfig(distance="l2"), gap) == pytest.approx(4.0)
-    assert trx_os.distance(ModelConfig(distance="squared"), gap) == pytest.approx(17.0)
+    assert trx_os.distance(gap) == pytest.approx(17.0)
 
 
 def test_pairs_are_ordered_and_complete() -> None:

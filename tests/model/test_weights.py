@@ -13,7 +13,13 @@ from safetensors.numpy import save_file
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
-from actioncli.model.config import ModelConfig
+from actioncli.model.config import (
+    Config,
+    ModelConfig,
+    PartsConfig,
+    config_from_json,
+    config_to_json,
+)
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import FORMAT, read_weights, write_weights
 
@@ -102,11 +108,20 @@ def test_tensors_must_fit_the_configuration(tmp_path: Path) -> None:
         read_weights(path)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"preparation": {}}', '{"x": 1}'])
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"preparation": {}}', '{"x": 1}', '{"method": "other"}']
+)
 def test_unknown_configurations_are_refused(text: str) -> None:
     with pytest.raises(WeightsError, match="cannot read"):
-        ModelConfig.from_json(text)
+        config_from_json(text)
 
 
-def test_configuration_round_trip() -> None:
-    assert ModelConfig.from_json(CONFIG.to_json()) == CONFIG
+@pytest.mark.parametrize("config", [CONFIG, PartsConfig(width=16)])
+def test_configuration_round_trip(config: Config) -> None:
+    assert config_from_json(config_to_json(config)) == config
+
+
+def test_weights_of_an_earlier_method_are_refused_by_name() -> None:
+    earlier = config_to_json(CONFIG).replace('"width"', '"warp_width": 16, "width"')
+    with pytest.raises(WeightsError, match=r"of an earlier method: warp_width.*train"):
+        config_from_json(earlier)

@@ -16,7 +16,7 @@ import pytest
 from actioncli import Clip, Recognizer, SupportError, UsageError, WeightsError, read_clip
 from actioncli.clips.clip import FloatArray
 from actioncli.model.arrays import softmax
-from actioncli.model.config import ModelConfig
+from actioncli.model.config import ModelConfig, PartsConfig
 from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import Weights
 from actioncli.recognition.decision import Comparison
@@ -70,12 +70,10 @@ def test_without_actions_or_examples_there_is_no_decision(recognizer: Recognizer
 
 
 def test_no_clips_have_embeddings_too(recognizer: Recognizer) -> None:
-    config = recognizer.weights.config
     empty = recognizer.embed([])
     assert empty.shape[0] == 0
     assert empty.shape[1:] == recognizer.cohort.shape[1:]
     assert empty.dtype == np.float32
-    assert config.warp_width
 
 
 def test_weights_come_from_the_path_that_is_given(tmp_path: Path, recognizer: Recognizer) -> None:
@@ -91,30 +89,6 @@ def test_examples_are_embeddings_or_clips(
     of_clips = recognizer.compare(query, support)
     mixed = {"squat": support["squat"], "wave": recognizer.embed(support["wave"])}
     np.testing.assert_array_equal(recognizer.compare(query, mixed).distance, of_clips.distance)
-
-
-def test_queries_are_embedded_without_what_only_examples_need(
-    recognizer: Recognizer, clips: dict[str, Clip], support: dict[str, list[Clip]]
-) -> None:
-    class Watched(Recognizer):
-        asked: Sequence[bool] = ()
-
-        def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
-            found = super().embed(clips, queries)
-            if isinstance(clips, np.ndarray):
-                return clips
-            # Zeros stand for what was left out.
-            self.asked = [*self.asked, bool((found == 0).all(axis=1).any())]
-            return found
-
-    # What `embed` gives can be either.
-    assert (recognizer.embed(support["wave"]) != 0).any(axis=(0, 1)).all()
-    watched = Watched(recognizer.weights)
-    watched.compare([clips["bow/ben"]], support)
-    assert watched.asked == [True, False, False]
-    watched.asked = ()
-    watched.classify(clips["bow/ben"], support, negatives=[clips["wave_right/cleo"]])
-    assert sorted(watched.asked) == [False, False, False, True]
 
 
 def test_probabilities_are_odds_divided_by_their_sum(
@@ -170,11 +144,11 @@ class OnALine(Recognizer):
     distance is how far apart places are. Confidence is 1 / (1 + distance): distances are odds.
     """
 
-    def __init__(self, place: Callable[[Clip], float] | None = None, warp_width: int = 1) -> None:
-        super().__init__(Weights(ModelConfig(warp_width=warp_width), {}, {}, "", Path()))
+    def __init__(self, place: Callable[[Clip], float] | None = None, odds: bool = True) -> None:
+        super().__init__(Weights(PartsConfig() if odds else ModelConfig(), {}, {}, "", Path()))
         self.place = place or middle
 
-    def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
+    def embed(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
         return clips if isinstance(clips, np.ndarray) else at(*map(self.place, clips))
 
     def compare(
@@ -263,11 +237,11 @@ def test_decisions_do_not_depend_on_how_much_is_compared_at_a_time(
     frames: list[int] = []
 
     class Watched(OnALine):
-        def embed(self, clips: Sequence[Clip] | FloatArray, queries: bool = False) -> FloatArray:
+        def embed(self, clips: Sequence[Clip] | FloatArray) -> FloatArray:
             if not isinstance(clips, np.ndarray):
                 most.append(len(clips))
                 frames.append(sum(map(len, clips)))
-            return super().embed(clips, queries)
+            return super().embed(clips)
 
     def in_pieces(limit: str, number: int) -> None:
         del most[:], frames[:]
@@ -322,7 +296,7 @@ def test_of_a_long_clip_the_surest_window_decides_at_longer_odds() -> None:
 
 def test_distances_that_are_no_odds_stay_as_they_are() -> None:
     support = {"early": at(middle(PARTS[0]) - 0.25)}
-    decision = OnALine(warp_width=0).classify(LONG, support, 0.1, at(14.0), LASTING)
+    decision = OnALine(odds=False).classify(LONG, support, 0.1, at(14.0), LASTING)
     assert (decision.label, decision.part) == ("early", time_of(PARTS[0]))
     assert decision.ranking[0].distance == pytest.approx(0.25)
     assert decision.confidence == pytest.approx(1 / (1 + 0.25 * ODDS))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from actioncli.model.warping import warping_cost
+from actioncli.evaluation.warping import warping_cost
 
 
 def one_by_one(a: np.ndarray, b: np.ndarray) -> float:

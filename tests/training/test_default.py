@@ -1,4 +1,4 @@
-"""Training of the parts model: short runs, augmentation, negatives made of the action itself."""
+"""The recipe `default`: short runs, augmentation, negatives made of the action itself."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from torch import Tensor
 
 from actioncli.clips.parts import prepare_parts
 from actioncli.model import parts
-from actioncli.model.parts_config import PartsConfig
+from actioncli.model.config import PartsConfig
 from actioncli.model.weights import read_weights
 from actioncli.training import loop
+from actioncli.training.augment import Batch, augment, joined, mirrored
 from actioncli.training.data import TrainingSet, hold_out
+from actioncli.training.default import DefaultRecipe, DefaultRun, task_loss
 from actioncli.training.loop import Progress
+from actioncli.training.negatives import KINDS, apart, negatives
 from actioncli.training.paper import PaperRecipe, PaperRun
-from actioncli.training.parts_augment import Batch, augment, joined, mirrored
-from actioncli.training.parts_loop import PartsRecipe, PartsRun, task_loss
-from actioncli.training.parts_negatives import KINDS, apart, negatives
-from actioncli.training.parts_tasks import PartTasks
+from actioncli.training.tasks import Tasks
 
 CONFIG = PartsConfig(width=16, key_width=8, layers=1, evidence=8)
-RECIPE = PartsRecipe(config=CONFIG, steps=6, ways=5, tasks=2, validate_every=3)
+RECIPE = DefaultRecipe(config=CONFIG, steps=6, ways=5, tasks=2, validate_every=3)
 
 
 def chance(seed: int = 0) -> torch.Generator:
@@ -45,10 +45,10 @@ def train(
     world: TrainingSet,
     out: Path,
     report: Callable[[Progress], None] = lambda _: None,
-    recipe: PartsRecipe = RECIPE,
+    recipe: DefaultRecipe = RECIPE,
 ) -> Path:
     data, held = hold_out(world, 0)
-    return loop.train(PartsRun(recipe, data, held, 0, ["world"]), out, report)
+    return loop.train(DefaultRun(recipe, data, held, 0, ["world"]), out, report)
 
 
 def test_the_seed_decides_and_an_interrupted_run_goes_on(
@@ -57,8 +57,12 @@ def test_the_seed_decides_and_an_interrupted_run_goes_on(
     first = read_weights(train(world, tmp_path / "first.safetensors"))
     assert first.metadata["validation"]["step"] == 6
     assert first.tensors.keys() == (
-        parts.parameter_shapes(CONFIG).keys() | parts.CONFIDENCE_SHAPES.keys()
+        {"cohort", *parts.parameter_shapes(CONFIG), *parts.CONFIDENCE_SHAPES}
     )
+    # Other people's motions for `calibrate`; matrices are kept in half precision.
+    assert first.tensors["cohort"].shape == (72, CONFIG.tokens, CONFIG.embedding_width)
+    weight = first.tensors["judge0.weight"]
+    np.testing.assert_array_equal(weight, weight.astype(np.float16))
 
     def stop(now: Progress) -> None:
         if now.step == 4:
@@ -75,7 +79,7 @@ def test_the_seed_decides_and_an_interrupted_run_goes_on(
 def test_a_step_makes_every_tensor_on_the_device_of_the_run(world: TrainingSet) -> None:
     data, held = hold_out(world, 0)
     paper = PaperRun(PaperRecipe(batch=1, ways=3), data, held, 0, [])
-    for run in (PartsRun(RECIPE, data, held, 0, []), paper):
+    for run in (DefaultRun(RECIPE, data, held, 0, []), paper):
         state = run.prepare()
         # What names no device is made on this one, and an operation on both is an error.
         with torch.device("meta"):
@@ -125,7 +129,7 @@ def test_negatives_are_another_motion_unless_it_is_the_same_that_way(batch: Batc
 
 
 def test_a_task_is_of_different_motions(world: TrainingSet) -> None:
-    tasks = PartTasks(world, CONFIG.preparation)
+    tasks = Tasks(world, CONFIG.preparation)
     task = tasks.draw(6, np.random.default_rng(0), chance())
     assert len(task.same) == len(task.changed) == len(task.negatives.bones) == 6
     assert joined([task.supports, task.queries]).bones.shape == (12, 48, 14, 3)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import torch
 from torch import Generator, Tensor
 
-from actioncli.training.motions import unit
-from actioncli.training.parts_augment import (
+from actioncli.training.augment import (
     LEFT_ARM,
     LEGS,
     RIGHT_ARM,
     Batch,
     at_times,
     mirrored,
+    unit,
 )
 
 KINDS = ("reversed", "limb frozen", "static", "four blocks", "first quarter", "mirrored")
