@@ -90,9 +90,14 @@ class PartsConfig:
     evidence: int = 32
 
     @property
-    def embedding_width(self) -> int:
-        """E, numbers per token of an embedding: key, value and presence of each part."""
+    def token_width(self) -> int:
+        """Numbers per token: key, value and presence of each part."""
         return len(PARTS) * (2 * self.key_width + 1)
+
+    @property
+    def embedding_width(self) -> int:
+        """E, numbers per token of an embedding: the token's, and its piece of the pooled vector."""
+        return self.token_width + len(PARTS) * 4 * self.key_width // self.tokens
 
     def check(self) -> None:
         """Refuse what is no model, or none that a computer could hold.
@@ -104,8 +109,10 @@ class PartsConfig:
         most = {"tokens": 256, "width": 1024, "key_width": 1024, "layers": 64, "evidence": 1024}
         for name, largest in most.items():
             _number(name, getattr(self, name), 1, largest)
-        if self.preparation.frames % self.tokens or self.tokens < 2 or self.width % 4:
-            raise ValueError("frames are no multiple of tokens, or width is none of 4")
+        if self.preparation.frames % self.tokens or self.tokens % 2 or self.width % 4:
+            raise ValueError("frames are no multiple of tokens, tokens of 2, or width of 4")
+        if 4 * self.key_width % self.tokens:
+            raise ValueError("4 times key_width is no multiple of tokens")
         body = self.preparation
         if (body.joints, body.size, body.heading) != (DEFAULT_JOINTS, "standard", True):
             raise ValueError("parts are read of bodies of standard size in the common heading")

@@ -25,8 +25,6 @@ from actioncli.model.parts_tokens import BODY, HAND
 _KERNEL, _GROUPS = 5, 4
 # How much a prototype's attention falls off with the distance in time, at first.
 DECAY = 3.0
-# The map from logit to confidence, fitted when training is over: sigmoid(scale · logit + shift).
-CONFIDENCE_SHAPES = {"confidence.scale": (1,), "confidence.shift": (1,)}
 
 
 class Embedded(NamedTuple):
@@ -91,6 +89,13 @@ def parameter_shapes(config: PartsConfig) -> dict[str, tuple[int, ...]]:
         "judge1.weight": (64, 1),
         "judge1.bias": (1,),
     }
+
+
+def fitted_shapes(config: PartsConfig) -> dict[str, tuple[int, ...]]:
+    """Name and shape of what is fitted when training is over: the map from logit to confidence,
+    sigmoid(scale · logit + shift), and the weights of the pooled vector, see `parts_compare`."""
+    pool = len(PARTS), 4 * config.key_width
+    return {"confidence.scale": (1,), "confidence.shift": (1,), "pool.weight": pool}
 
 
 def embed(

@@ -140,7 +140,7 @@ def read_weights(path: str | Path | None = None) -> Weights:
 def _expected_shapes(config: Config, cohort: int) -> dict[str, tuple[int, ...]]:
     if not isinstance(config, PartsConfig):
         return trx_os.parameter_shapes(config)
-    shapes = parts.parameter_shapes(config) | parts.CONFIDENCE_SHAPES
+    shapes = parts.parameter_shapes(config) | parts.fitted_shapes(config)
     if cohort:
         shapes["cohort"] = (cohort, config.tokens, config.embedding_width)
     return shapes

@@ -18,11 +18,12 @@ from actioncli.training.augment import augment, joined
 from actioncli.training.checkpoint import TrainingState
 from actioncli.training.data import Indices, TrainingSet, cut_long_recordings
 from actioncli.training.loop import Recipe, Run, arrays
+from actioncli.training.pooling import pool_weight
 from actioncli.training.tasks import Task, Tasks
 from actioncli.training.validation import Validation
 
-# Motions of other people that come with the weights.
-COHORT = 96
+# Motions of other people that come with the weights, and clips that the pooled vector is fitted on.
+COHORT, POOLED = 96, 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +95,11 @@ class DefaultRun(Run[DefaultRecipe]):
         """The averaged weights in half precision, what a confidence means, and other people's
         motions for `calibrate`."""
         tensors = {name: _halved(array) for name, array in arrays(state.best).items()}
-        config = self.recipe.config
+        config, rng = self.recipe.config, np.random.default_rng([self.seed, 0xC0])
         tensors |= self._validation.confidence(tensors)
-        rows = _spread(self.data, COHORT, np.random.default_rng([self.seed, 0xC0]))
-        cohort = parts_compare.embed(tensors, config, [self.data.clips[row] for row in rows])
+        some = [self.data.clips[row] for row in _spread(self.data, POOLED, rng)]
+        tensors["pool.weight"] = _halved(pool_weight(tensors, config, some))
+        cohort = parts_compare.embed(tensors, config, some[:COHORT])
         stored = {name: array.astype(np.float16) if array.ndim > 1 else array
                   for name, array in tensors.items()}  # fmt: skip
         return stored | {"cohort": cohort.astype(np.float16)}, state.history[-1]

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import UsageError
 from actioncli.evaluation.metrics import auroc, oscr
-from actioncli.model.config import Config
+from actioncli.model import parts
+from actioncli.model.config import Config, PartsConfig
 from actioncli.model.weights import Weights
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.training.data import Indices, TrainingSet, query_of
@@ -21,8 +22,6 @@ EPISODES = 240
 MOST_WAYS = 4
 # Share of clips of something else that a confidence of 0.5 takes for a given action.
 WRONG_AT_HALF = 0.01
-# A confidence that is the sigmoid of the logit as it is.
-_PLAIN = {"confidence.scale": np.ones(1, np.float32), "confidence.shift": np.zeros(1, np.float32)}
 
 
 class Validation:
@@ -39,6 +38,10 @@ class Validation:
             UsageError: too few classes.
         """
         self._config = config
+        # As long as nothing is fitted, a confidence is the sigmoid of the logit as it is.
+        shapes = parts.fitted_shapes(config) if isinstance(config, PartsConfig) else {}
+        self._unfitted = {name: np.ones(shape, np.float32) for name, shape in shapes.items()}
+        self._unfitted["confidence.shift"] = np.zeros(1, np.float32)
         rng = np.random.default_rng([seed, 0x7A1])
         usable = [label for label, rows in data.members.items() if len(rows) > 1]
         of_source: dict[int, list[int]] = {}
@@ -73,7 +76,9 @@ class Validation:
         self, tensors: Mapping[str, FloatArray]
     ) -> list[tuple[FloatArray, FloatArray, Indices]]:
         """Of each episode distance and confidence (queries, ways), and the targets (queries,)."""
-        recognizer = Recognizer(Weights(self._config, tensors, {}, "", Path()))
+        recognizer = Recognizer(
+            Weights(self._config, {**self._unfitted, **tensors}, {}, "", Path())
+        )
         embedded = recognizer.embed(self._clips)
         found = []
         for support, asked, targets in self._episodes:
@@ -86,7 +91,7 @@ class Validation:
         """Closed accuracy, AUROC and OSCR over all queries; the score is OSCR, since it asks for
         both."""
         nearest, surest, answers = [], [], []
-        for distance, confidence, targets in self._compared({**_PLAIN, **tensors}):
+        for distance, confidence, targets in self._compared(tensors):
             nearest.append(distance.argmin(axis=1))
             surest.append(np.take_along_axis(confidence, nearest[-1][:, None], axis=1)[:, 0])
             answers.append(targets)
@@ -104,8 +109,12 @@ class Validation:
     def confidence(self, tensors: Mapping[str, FloatArray]) -> dict[str, NDArray[Any]]:
         """The map from logit to confidence, sigmoid(scale · logit + shift): the scale of the
         logistic regression on pairs, right and wrong ones of equal weight, and the shift that puts
-        `WRONG_AT_HALF` of the wrong ones above 0.5."""
-        found = self._compared({**tensors, **_PLAIN})
+        `WRONG_AT_HALF` of the wrong ones above 0.5.
+
+        Args:
+            tensors: what training learned, without such a map.
+        """
+        found = self._compared(tensors)
         logits = np.concatenate([-np.log(distance).ravel() for distance, _, _ in found])
         own = np.concatenate(
             [(targets[:, None] == np.arange(each.shape[1])).ravel() for each, _, targets in found]

@@ -20,7 +20,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 def some_params() -> dict[str, FloatArray]:
     rng = np.random.default_rng(0)
-    shapes = parts.parameter_shapes(CONFIG) | parts.CONFIDENCE_SHAPES
+    shapes = parts.parameter_shapes(CONFIG) | parts.fitted_shapes(CONFIG)
     return {
         name: rng.normal(0, 0.3, shape).astype(np.float32) for name, shape in shapes.items()
     } | {"confidence.scale": np.ones(1, np.float32)}

@@ -57,7 +57,7 @@ def test_the_seed_decides_and_an_interrupted_run_goes_on(
     first = read_weights(train(world, tmp_path / "first.safetensors"))
     assert first.metadata["validation"]["step"] == 6
     assert first.tensors.keys() == (
-        {"cohort", *parts.parameter_shapes(CONFIG), *parts.CONFIDENCE_SHAPES}
+        {"cohort", *parts.parameter_shapes(CONFIG), *parts.fitted_shapes(CONFIG)}
     )
     # Other people's motions for `calibrate`; matrices are kept in half precision.
     assert first.tensors["cohort"].shape == (72, CONFIG.tokens, CONFIG.embedding_width)
