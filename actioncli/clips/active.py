@@ -114,7 +114,7 @@ def limb_speed(clip: Clip) -> FloatArray:
 
 def _about_pelvis(clip: Clip) -> FloatArray:
     """(T, 15, 3) the default joints, metres from the pelvis."""
-    joints = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS, clip.source)
+    joints = select_joints(clip.filled(), clip.joint_names, DEFAULT_JOINTS, clip.source)
     return centred(joints, DEFAULT_JOINTS)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from actioncli.clips.drawing import strip
+from actioncli.clips.gaps import filled
 from actioncli.clips.skeleton import FloatArray as FloatArray
 from actioncli.errors import ClipError
 
@@ -27,10 +28,11 @@ class Clip:
     the sensor has the left side at smaller x.
 
     Attributes:
-        joints: (T, J, 3) float32, read-only, finite.
+        joints: (T, J, 3) float32, read-only; NaN where a joint was not seen.
         joint_names: J names, unique; see `actioncli.clips.skeleton` for the ones understood.
         fps: frames per second, from `LEAST_FPS` to `MOST_FPS`.
-        confidence: (T, J) float32 in [0, 1], read-only, or None where the source has none.
+        confidence: (T, J) float32 in [0, 1], read-only, 0 where a joint was not seen; None where
+            the source has none and every joint is there.
         source: where the clip came from, for people to read (a file name, a camera).
         notes: what reading decided on the way (person chosen, gaps filled), for people.
         start: when in its source the clip begins, seconds; 0 for a whole file.
@@ -57,7 +59,7 @@ class Clip:
         """Check and freeze.
 
         Raises:
-            ClipError: wrong shape, not finite, names that do not fit, fewer than two
+            ClipError: wrong shape, infinity, names that do not fit, fewer than two
                 distinct frames, or a frame rate that no device has.
         """
         where = f"{source}: " if source else ""
@@ -70,18 +72,17 @@ class Clip:
         if len(set(names)) != len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             raise ClipError(f"{where}joint names appear twice: {', '.join(twice)}.")
-        if not np.isfinite(positions).all():
-            raise ClipError(
-                f"{where}joints hold NaN or infinity; fill gaps first "
-                "(actioncli.read_clip does for files)."
-            )
-        if positions.size and np.abs(positions).max() > LARGEST_COORDINATE:
-            raise ClipError(
-                f"{where}coordinates reach {np.abs(positions).max():.3g} m; "
-                "joints must be in metres."
-            )
-        # Two equal consecutive frames everywhere mean a still picture: no motion to compare.
-        if len(positions) < 2 or not np.any(positions[1:] != positions[:1]):
+        if np.isinf(positions).any():
+            raise ClipError(f"{where}joints hold infinity; a joint that was not seen is NaN.")
+        unseen = np.isnan(positions).any(axis=2)
+        if unseen.any():
+            positions = _frozen(np.where(unseen[..., None], np.nan, positions), "joints")
+        largest = float(np.nanmax(np.abs(positions))) if positions.size > 3 * unseen.sum() else 0.0
+        if largest > LARGEST_COORDINATE:
+            raise ClipError(f"{where}coordinates reach {largest:.3g} m; joints must be in metres.")
+        # Equal frames throughout mean a still picture: no motion to compare.
+        step = np.abs(positions[1:] - positions[:-1])
+        if not np.any(step > 0):
             raise ClipError(
                 f"{where}a clip needs at least 2 distinct frames, this has "
                 f"{min(len(positions), 1)}; record the action as a moving sequence."
@@ -92,7 +93,9 @@ class Clip:
             rate = 0.0
         if not LEAST_FPS <= rate <= MOST_FPS:
             raise ClipError(f"{where}fps must be {LEAST_FPS:g} to {MOST_FPS:,.0f}, not {fps!r}.")
-        if confidence is not None:
+        if confidence is None and unseen.any():
+            confidence = _frozen(~unseen, "confidence")
+        elif confidence is not None:
             weights = _frozen(confidence, f"{where}confidence")
             if weights.shape != positions.shape[:2]:
                 raise ClipError(
@@ -101,7 +104,7 @@ class Clip:
                 )
             if not ((weights >= 0) & (weights <= 1)).all():
                 raise ClipError(f"{where}confidence must lie in [0, 1].")
-            confidence = weights
+            confidence = _frozen(np.where(unseen, 0, weights), "confidence")
         checked = {
             "joints": positions, "joint_names": names, "fps": rate, "confidence": confidence,
             "source": str(source), "notes": tuple(notes), "start": float(start),
@@ -114,6 +117,14 @@ class Clip:
         """Seconds from the first frame to the last."""
         return (len(self.joints) - 1) / self.fps
 
+    def filled(self) -> FloatArray:
+        """The joints (T, J, 3) with a place for those that were not seen, for what cannot do
+        without: on a line between the frames around, at the ends and for a joint that was never
+        seen the nearest frame's or the mean of the others'. Nothing may be decided by it."""
+        if self.confidence is None or not np.isnan(self.joints).any():
+            return self.joints
+        return filled(self.joints)
+
     def __len__(self) -> int:
         return len(self.joints)
 
@@ -125,7 +136,7 @@ class Clip:
         """What a notebook shows: the skeleton at some moments, or the line of `repr`."""
         source = self.source if len(self.source) <= 30 else f"…{self.source[-29:]}"
         caption = f"{len(self)} frames, {self.duration:.1f} s, {source}".rstrip(", ")
-        picture = strip(self.joints, self.joint_names, caption)
+        picture = strip(self.filled(), self.joint_names, caption)
         return picture or f"<pre>{escape(repr(self))}</pre>"
 
 

@@ -134,7 +134,7 @@ def _from_archive(file: Path) -> Collection:
         if "visibility" in arrays:
             confidence = np.asarray(arrays["visibility"][frames] / 100, np.float32)
             lost = np.any(joints[frames] == _NOT_FOUND, axis=2)
-            positions[lost], confidence[lost] = 0, 0
+            positions[lost], confidence[lost] = np.nan, 0
         where = f"{file} (clip {at + 1})"
         try:
             if gaps[frames].any():

@@ -1,7 +1,7 @@
 """Gaps: joints that a sensor did not see for a moment are interpolated in time.
 
-A gap is filled by a straight line between the samples around it, and held at the ends. What is
-mostly gap is refused: a line drawn through it would be motion that nobody made.
+A short gap is filled by a straight line between the samples around it, and held at the ends. What
+was not seen for longer is missing: a line drawn through it would be motion that nobody made.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.clip import FloatArray
-from actioncli.clips.skeleton import default_columns
+from actioncli.clips.skeleton import LIMBS, FloatArray, default_columns
 from actioncli.errors import ClipError
 
 BoolArray = NDArray[np.bool_]
 
-# A joint, or a body, that is missing in more than this share of the frames is refused.
+# Seconds without a joint that are interpolated and still count as seen.
+LONGEST_GAP = 0.4
+# A joint that is missing in more than this share of the frames was not seen.
 _MOST_MISSING = 0.5
 # The whole body may be out of sight for this long (seconds) before the clip counts as two.
 _LONGEST_ABSENCE = 1.0
@@ -39,6 +40,24 @@ def missing_joints(positions: FloatArray, zeros_are_gaps: bool = True) -> BoolAr
     return missing
 
 
+def filled(joints: FloatArray) -> FloatArray:
+    """Joints (T, J, 3) with a place for what is NaN: on a line between the frames around it, at
+    the ends the nearest frame's; a joint that is never there stands in the middle of the others."""
+    joints, frames = joints.copy(), np.arange(len(joints))
+    gone = np.isnan(joints[..., 0])
+    middle = np.nanmean(np.where(gone.all(axis=1)[:, None, None], 0, joints), axis=1)
+    for joint in np.flatnonzero(gone.any(axis=0)):
+        lost = gone[:, joint]
+        for axis in range(3):
+            line = joints[:, joint, axis]
+            line[lost] = (
+                middle[lost, axis]
+                if lost.all()
+                else np.interp(frames[lost], frames[~lost], line[~lost])
+            )
+    return joints
+
+
 def fill_gaps(
     positions: FloatArray,
     names: tuple[str, ...],
@@ -47,7 +66,8 @@ def fill_gaps(
     confidence: FloatArray | None = None,
     zeros_are_gaps: bool = True,
 ) -> tuple[FloatArray, tuple[str, ...], FloatArray | None, tuple[str, ...]]:
-    """Fill short gaps; drop empty frames at the ends and joints that nothing reads.
+    """Fill short gaps; drop empty frames at the ends, and joints that nothing reads and that are
+    mostly missing.
 
     Args:
         positions: (T, J, 3); a joint that is NaN, infinite or exactly zero is a gap.
@@ -58,19 +78,19 @@ def fill_gaps(
         zeros_are_gaps: False where (0, 0, 0) is a position like any other.
 
     Returns:
-        Positions without gaps, the remaining joint names, the confidence, notes for people.
+        Positions, NaN where a joint was not seen for more than `LONGEST_GAP`; the remaining joint
+        names, the confidence, notes for people.
 
     Raises:
-        ClipError: the clip, or a default joint, is mostly gap, or the whole body is out of
-            sight for more than a second.
+        ClipError: too little was seen to recognise anything by, or the whole body is out of sight
+            for more than a second.
     """
     missing = missing_joints(positions, zeros_are_gaps)
     if not missing.any():
         return positions, names, confidence, ()
     needed = sorted({at for columns in default_columns(names).values() for at in columns})
     needed = np.setdiff1d(needed or range(len(names)), _roots(positions, names)).tolist()
-    _check_mostly_there(missing, needed, names, where)
-
+    _check_enough(missing, names, needed, where)
     notes = []
     seen = np.flatnonzero(~missing[:, needed].all(axis=1))
     if len(seen) < 2:
@@ -91,7 +111,7 @@ def fill_gaps(
             notes.append(f"{cut} empty frames at the ends dropped")
 
     unseen = missing.mean(axis=0) > _MOST_MISSING
-    unseen[_roots(positions, names)] = False
+    unseen[[*_roots(positions, names), *needed]] = False
     if unseen.any():
         notes.append(f"joints mostly missing, dropped: {', '.join(compress(names, unseen))}")
         positions, missing = positions[:, ~unseen], missing[:, ~unseen]
@@ -99,13 +119,19 @@ def fill_gaps(
         names = tuple(compress(names, ~unseen))
     missing[:, _roots(positions, names)] = False
     if missing.any():
-        positions = _interpolate(positions, missing)
+        positions, lost = _interpolate(positions, missing, LONGEST_GAP * fps)
+        if confidence is None and lost.any():
+            confidence = np.ones(missing.shape, np.float32)
         if confidence is not None:
             confidence = np.where(missing, np.float32(0), confidence)
-        notes.append(
-            f"gaps filled: {missing.mean():.1%} of the joint positions, "
-            f"the longest over {_longest_run(missing)} frames"
-        )
+        filled = missing & ~lost
+        if filled.any():
+            notes.append(f"gaps filled: {filled.mean():.1%} of the joint positions")
+        if lost.any():
+            shares = zip(names, lost.mean(axis=0).tolist(), strict=True)
+            named = [f"{name} in {share:.0%}" for name, share in shares if share]
+            more = f" and {len(named) - 6} more" if len(named) > 6 else ""
+            notes.append(f"not seen: {', '.join(named[:6])}{more} of the frames")
     return positions, names, confidence, tuple(notes)
 
 
@@ -116,39 +142,50 @@ def _roots(positions: FloatArray, names: tuple[str, ...]) -> list[int]:
     return [at for at, name in enumerate(bare) if name in _ROOTS and not positions[:, at].any()]
 
 
-def _check_mostly_there(
-    missing: BoolArray, needed: list[int], names: tuple[str, ...], where: str
+def _check_enough(
+    missing: BoolArray, names: tuple[str, ...], needed: list[int], where: str
 ) -> None:
-    share = missing[:, needed].mean() if needed else 1.0
-    if share > _MOST_MISSING:
-        raise ClipError(
-            f"{where}: mostly gap: {share:.0%} of the joint positions are missing (NaN or "
-            f"zero) over {len(missing)} frames; record the action again."
-        )
-    lost = {column: missing[:, column].mean() for column in needed}
-    figures = ", ".join(f"{names[at]} in {lost[at]:.0%}" for at in lost if lost[at] > _MOST_MISSING)
-    if figures:
-        raise ClipError(
-            f"{where}: joints are missing in most of the {len(missing)} frames: {figures}; "
-            "record the action again with the whole body in view."
-        )
+    """Refuse a body of which mostly neither shoulders nor hips, or no whole limb, is seen.
+
+    Raises:
+        ClipError: names what is missing.
+    """
+    columns = default_columns(names)
+
+    def seen(*joints: str) -> bool:
+        group = [at for joint in joints for at in columns.get(joint, ())]
+        return bool(group) and bool(missing[:, group].any(axis=1).mean() <= _MOST_MISSING)
+
+    if not columns or (
+        (seen("lsho", "rsho") or seen("lhip", "rhip"))
+        and any(seen(*limb) for limb in LIMBS.values())
+    ):
+        return
+    lost = {at: missing[:, at].mean() for at in needed}
+    figures = [f"{names[at]} in {lost[at]:.0%}" for at in lost if lost[at] > _MOST_MISSING]
+    raise ClipError(
+        f"{where}: too little was seen to recognise anything by: over {len(missing)} frames "
+        f"{missing[:, needed].mean():.0%} of the joint positions are missing (NaN or zero): "
+        f"{', '.join(figures) or 'all now and then'}; record the action again with shoulders or "
+        "hips, and an arm or a leg, in view."
+    )
 
 
-def _interpolate(positions: FloatArray, missing: BoolArray) -> FloatArray:
-    filled = np.array(positions, dtype=np.float32)
+def _interpolate(
+    positions: FloatArray, missing: BoolArray, longest: float
+) -> tuple[FloatArray, BoolArray]:
+    """Positions with the gaps of up to `longest` frames filled and NaN in longer ones, and which
+    joints (T, J) are in these."""
+    filled, lost = np.array(positions, dtype=np.float32), np.zeros_like(missing)
     frames = np.arange(len(filled))
     for joint in np.flatnonzero(missing.any(axis=0)):
         gap = missing[:, joint]
+        edges = np.flatnonzero(np.diff(gap, prepend=False, append=False))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            lost[begin:end, joint] = end - begin > longest
         for axis in range(3):
             line = filled[:, joint, axis]
-            line[gap] = np.interp(frames[gap], frames[~gap], line[~gap])
-    return filled
-
-
-def _longest_run(missing: BoolArray) -> int:
-    """Frames of the longest unbroken gap of any joint."""
-    longest = run = np.zeros(missing.shape[1], dtype=int)
-    for frame in missing:
-        run = (run + 1) * frame
-        longest = np.maximum(longest, run)
-    return int(longest.max())
+            if not gap.all():
+                line[gap] = np.interp(frames[gap], frames[~gap], line[~gap])
+            line[lost[:, joint]] = np.nan
+    return filled, lost

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.gaps import LONGEST_GAP
 from actioncli.clips.prepare import Preparation, frames_at, sample_places
 from actioncli.clips.skeleton import (
     BONES,
@@ -32,8 +33,6 @@ PARTS = ("torso", "left arm", "right arm", "left leg", "right leg", "left hand",
 # Confidence below which a joint counts as not seen. Legs under a desk have at most 0.05; of
 # people who stand in full view a hidden knee or wrist has 0.1 to 0.5.
 UNSEEN = 0.1
-# Seconds without a joint that are interpolated and still count as seen.
-LONGEST_GAP = 0.4
 
 # The joint before each of a hand's joints 1 to 20; every finger begins at the wrist.
 _HAND_PARENTS = [0 if joint % 4 == 1 else joint - 1 for joint in range(1, 21)]
@@ -62,7 +61,7 @@ def prepare_parts(clips: Sequence[Clip], preparation: Preparation) -> PartFrames
     """Bones of body and hands at the frames that `preparation` samples, in the common heading.
 
     Raises:
-        ClipError: a clip lacks one of the default joints.
+        ClipError: a clip lacks the shoulders, or every limb.
     """
     n = preparation.frames
     prepared = PartFrames(
@@ -91,14 +90,21 @@ def prepare_parts(clips: Sequence[Clip], preparation: Preparation) -> PartFrames
 def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Default joints (T, 15, 3), hands (T, 42, 3) and missing parts (T, 7) of a clip, no number
     of which comes from a joint that was not seen."""
-    body = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS, clip.source)
-    columns = default_columns(clip.joint_names)
-    unseen = np.zeros(body.shape[:2], np.bool_)
+    joints, columns = clip.filled(), default_columns(clip.joint_names)
+    wanted = [name for name in DEFAULT_JOINTS if columns.get(name)]
+    if not {"lsho", "rsho"} <= set(wanted) or not any(
+        set(limb) <= set(wanted) for limb in LIMBS.values()
+    ):
+        wanted = list(DEFAULT_JOINTS)  # which raises, with the names that are missing
+    body = np.zeros((len(clip), len(DEFAULT_JOINTS), 3), np.float32)
+    there = [_JOINT[name] for name in wanted]
+    body[:, there] = select_joints(joints, clip.joint_names, wanted, clip.source)
+    unseen = np.ones(body.shape[:2], np.bool_)
+    unseen[:, there] = False
     if clip.confidence is not None:
-        for name, at in _JOINT.items():
-            group = list(columns.get(name, ()))
-            if group:
-                unseen[:, at] = clip.confidence[:, group].min(axis=1) < UNSEEN
+        for name, at in zip(wanted, there, strict=True):
+            group = list(columns[name])
+            unseen[:, at] = clip.confidence[:, group].min(axis=1) < UNSEEN
     lost = np.zeros_like(unseen)
     if unseen.any():
         body, lost = _without_unseen(body, unseen, clip.fps)
@@ -117,7 +123,7 @@ def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
         if clip.confidence is not None:
             none = clip.confidence[:, group].min(axis=1) < UNSEEN
         if not none.all():
-            hand, gone = _interpolated(clip.joints[:, group], none, clip.fps)
+            hand, gone = _interpolated(joints[:, group], none, clip.fps)
             hands[:, 21 * side : 21 * side + 21], missing[:, 5 + side] = hand, gone
     return body, hands, missing
 
@@ -134,6 +140,13 @@ def _without_unseen(
         if none.mean() <= 0.5:
             body[:, at], gone = _interpolated(body[:, at], none, fps)
             lost[:, at] = gone[:, None]
+        elif names[0] == "lsho":
+            left, right = body[:, _JOINT["lhip"]], body[:, _JOINT["rhip"]]
+            across, middle = left - right, (left + right) / 2
+            wide = np.median(np.linalg.norm(across, axis=-1))
+            body[:, at] = (
+                np.stack([across, -across], axis=1) + (middle - 2.5 * wide * down)[:, None]
+            )
         elif names[0] == "lhip":
             left, right = body[:, _JOINT["lsho"]], body[:, _JOINT["rsho"]]
             across = (left - right) / 4

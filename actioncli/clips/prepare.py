@@ -96,7 +96,7 @@ def _posed(clips: Sequence[Clip], preparation: Preparation) -> tuple[FloatArray,
     parts = []
     for given, alike in groupby(clips, key=lambda clip: clip.joint_names):
         group = list(alike)
-        recorded = np.concatenate([clip.joints for clip in group])
+        recorded = np.concatenate([clip.filled() for clip in group])
         parts.append(select_joints(recorded, given, names, group[0].source))
     lengths = np.array([len(clip) for clip in clips])
     joints = centred(np.concatenate(parts), names)

@@ -17,7 +17,7 @@ import numpy as np
 
 from actioncli.clips import axes
 from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
-from actioncli.clips.gaps import fill_gaps
+from actioncli.clips.gaps import fill_gaps, filled
 from actioncli.clips.persons import most_active
 from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_JOINTS, Recording
 from actioncli.clips.skeleton import LAYOUTS
@@ -195,7 +195,8 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
     )
     decided.extend(gaps)
 
-    size = axes.body_size(positions, names)
+    whole = filled(positions) if np.isnan(positions).any() else positions
+    size = axes.body_size(whole, names)
     if recording.unit is None:
         unit = axes.infer_unit(size, where)
         metres = axes.UNITS[unit]
@@ -203,7 +204,7 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
     else:
         metres = _stated_unit(recording.unit, size, unit_is_certain, where)
     if recording.up is None:
-        up = axes.infer_up(positions, names, metres, recording.rest_up, where)
+        up = axes.infer_up(whole, names, metres, recording.rest_up, where)
         decided.append(f"up axis inferred from the posture: {up} (--up)")
     else:
         up = axes.parse_up(recording.up) or ""

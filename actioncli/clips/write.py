@@ -69,7 +69,10 @@ def _write_json(stream: IO[bytes], clip: Clip) -> None:
         "fps": clip.fps,
         "unit": "m",
         "up": "y",
-        "joints": np.round(clip.joints.astype(float), 5).tolist(),
+        "joints": [
+            [None if np.isnan(joint[0]) else joint.tolist() for joint in frame]
+            for frame in np.round(clip.joints.astype(float), 5)
+        ],
     }
     if clip.confidence is not None:
         content["confidence"] = np.round(clip.confidence.astype(float), 4).tolist()
@@ -85,7 +88,7 @@ def _write_csv(stream: IO[bytes], clip: Clip) -> None:
     table.writerow(["time (s)", *header])
     for at, frame in enumerate(clip.joints):
         seen = [] if clip.confidence is None else [f"{c:.4f}" for c in clip.confidence[at]]
-        table.writerow([f"{at / clip.fps:.6f}", *(f"{x:.5f}" for x in frame.ravel()), *seen])
+        table.writerow([f"{at / clip.fps:.6f}", *map(_cell, frame.ravel()), *seen])
 
 
 def _write_trc(stream: IO[bytes], clip: Clip) -> None:
@@ -101,8 +104,13 @@ def _write_trc(stream: IO[bytes], clip: Clip) -> None:
     lines.write("Frame#\tTime\t" + "\t\t\t".join(clip.joint_names) + "\t\t\n")
     lines.write("\t\t" + "\t".join(f"{a}{j + 1}" for j in range(joints) for a in "XYZ") + "\n\n")
     for at, frame in enumerate(clip.joints):
-        cells = [str(at + 1), f"{at / clip.fps:.6f}", *(f"{x:.5f}" for x in frame.ravel())]
+        cells = [str(at + 1), f"{at / clip.fps:.6f}", *map(_cell, frame.ravel())]
         lines.write("\t".join(cells) + "\n")
+
+
+def _cell(number: float) -> str:
+    """Empty where a joint was not seen."""
+    return "" if np.isnan(number) else f"{number:.5f}"
 
 
 def _text(stream: IO[bytes]) -> codecs.StreamWriter:

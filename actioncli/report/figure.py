@@ -83,7 +83,8 @@ def figure(clip: Clip) -> Figure:
     if not columns:
         columns = {name: (column,) for column, name in enumerate(clip.joint_names)}
     names = tuple(columns)
-    points = np.stack([clip.joints[:, list(c)].mean(axis=1) for c in columns.values()], axis=1)
+    joints = clip.filled()
+    points = np.stack([joints[:, list(c)].mean(axis=1) for c in columns.values()], axis=1)
     sure = np.ones(points.shape[:2], np.bool_)
     if clip.confidence is not None:
         sure = np.stack(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from actioncli.model.parts_config import PartsConfig
 
 from actioncli import Clip
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.parts import LONGEST_GAP, PARTS, PartFrames, prepare_parts
+from actioncli.clips.gaps import LONGEST_GAP
+from actioncli.clips.parts import PARTS, PartFrames, prepare_parts
 from actioncli.clips.prepare import prepare
 from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, HAND_JOINTS, bone_columns
+from actioncli.model.config import PartsConfig
 
 from .bodies import waving
 

@@ -62,7 +62,8 @@ def test_a_notebook_shows_the_skeleton() -> None:
         ({"joints": waving()[:1]}, "2 distinct frames"),
         ({"joints": np.ones((5, 15, 3))}, "2 distinct frames"),
         ({"joints": 1e6 * waving()}, "metres"),
-        ({"joints": np.where(waving() > 2.4, np.nan, waving())}, "NaN"),
+        ({"joints": np.where(waving() > 2.4, np.inf, waving())}, "infinity"),
+        ({"joints": np.full((9, 15, 3), np.nan)}, "2 distinct"),
         ({"joint_names": DEFAULT_JOINTS[:3]}, "15 joints but 3"),
         ({"joint_names": ["a"] * 15}, "twice: a"),
         ({"fps": 0}, "fps"),
@@ -78,3 +79,22 @@ def test_what_is_no_clip_is_refused(change: dict[str, object], message: str) -> 
     fields = {"joints": waving(), "joint_names": DEFAULT_JOINTS, "source": "here"} | change
     with pytest.raises(ClipError, match=f"here: .*{message}"):
         Clip(**fields)  # type: ignore[arg-type]
+
+
+def test_what_was_not_seen_is_nan_with_confidence_zero() -> None:
+    joints = waving().astype(np.float32)
+    joints[3, 5, 1] = np.nan
+    joints[:, 14] = np.nan
+    clip = Clip(joints, DEFAULT_JOINTS)
+    unseen = np.isnan(joints).any(axis=2)
+    assert clip.confidence is not None
+    np.testing.assert_array_equal(clip.confidence, np.where(unseen, 0, 1))
+    np.testing.assert_array_equal(np.isnan(clip.joints).all(axis=2), unseen)
+    given = Clip(joints, DEFAULT_JOINTS, confidence=np.full(unseen.shape, 0.5))
+    assert given.confidence is not None
+    np.testing.assert_array_equal(given.confidence, np.where(unseen, 0, 0.5))
+    whole = clip.filled()
+    assert np.isfinite(whole).all()
+    np.testing.assert_allclose(whole[3, 5], joints[[2, 4], 5].mean(axis=0), atol=1e-6)
+    np.testing.assert_array_equal(whole[~unseen], joints[~unseen])
+    assert Clip(whole, DEFAULT_JOINTS).filled() is not None

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from actioncli.clips import gaps
 from actioncli.clips.gaps import fill_gaps
 from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
 from actioncli.errors import ClipError
@@ -36,7 +37,7 @@ def test_a_short_gap_becomes_a_straight_line(gap: float) -> None:
         np.delete(filled, range(10, 13), 0), np.delete(holed, range(10, 13), 0)
     )
     assert names == DEFAULT_JOINTS
-    assert notes == ("gaps filled: 0.5% of the joint positions, the longest over 3 frames",)
+    assert notes == ("gaps filled: 0.5% of the joint positions",)
 
 
 def test_a_coordinate_of_zero_is_no_gap() -> None:
@@ -66,19 +67,44 @@ def test_confidence_is_zero_where_a_gap_was_filled() -> None:
     assert (np.delete(confidence, 5, 0) == 0.5).all()
 
 
+ARMS = [DEFAULT_JOINTS.index(f"{side}{joint}") for side in "lr" for joint in ("elb", "wri")]
+LEGS = [DEFAULT_JOINTS.index(f"{side}{joint}") for side in "lr" for joint in ("kne", "ank")]
+TRUNK = [DEFAULT_JOINTS.index(f"{side}{joint}") for side in "lr" for joint in ("hip", "sho")]
+
+
 @pytest.mark.parametrize(
     ("frames", "joints", "message"),
     [
-        (np.arange(40) % 5 > 1, slice(None), r"clip: mostly gap: 60% .* 40 frames"),
+        (np.arange(40) % 5 > 1, slice(None), r"clip: too little was seen .* 40 frames 60%"),
         (slice(None), slice(None), "100%"),
-        (slice(30), WRIST, "rwri in 75%"),
+        (slice(30), ARMS + LEGS, "lkne in 75%, .* rwri in 75%"),
+        (slice(30), TRUNK, "lhip in 75%"),
     ],
 )
-def test_mostly_gap_is_refused_with_figures(frames: Any, joints: Any, message: str) -> None:
+def test_too_little_is_refused_with_figures(frames: Any, joints: Any, message: str) -> None:
     holed = body()
     holed[frames, joints] = 0
     with pytest.raises(ClipError, match=message):
         fill(holed)
+
+
+def test_what_was_not_seen_for_long_is_missing() -> None:
+    holed = body()
+    holed[:14, WRIST] = np.nan  # longer than 0.4 s
+    holed[20:25, WRIST] = np.nan
+    holed[:, LEGS] = np.nan
+    positions, names, confidence, notes = fill(holed)
+    assert names == DEFAULT_JOINTS
+    assert np.isnan(positions[:14, WRIST]).all()
+    assert np.isnan(positions[:, LEGS]).all()
+    assert np.isfinite(positions[14:, WRIST]).all()
+    assert confidence is not None
+    assert not confidence[:, LEGS].any()
+    np.testing.assert_array_equal(confidence[:, WRIST] == 0, np.isnan(holed[:, WRIST, 0]))
+    assert notes[1] == (
+        "not seen: lkne in 100%, rkne in 100%, lank in 100%, rank in 100%, rwri in 35% of the "
+        "frames"
+    )
 
 
 def test_a_joint_that_no_model_needs_is_dropped() -> None:
@@ -118,12 +144,15 @@ def test_zeros_may_be_positions() -> None:
     arrays(np.float32, (6, 15, 3), elements=st.floats(width=32, allow_infinity=True)),
     st.lists(st.tuples(st.integers(0, 5), st.integers(0, 14)), max_size=40),
 )
-def test_what_comes_out_is_finite(positions: np.ndarray, holes: list[tuple[int, int]]) -> None:
+def test_what_comes_out_is_finite_or_nan(
+    positions: np.ndarray, holes: list[tuple[int, int]]
+) -> None:
     for frame, joint in holes:
         positions[frame, joint] = 0
     try:
         filled, names, _, _ = fill(positions)
     except ClipError:
         return
-    assert np.isfinite(filled).all()
+    assert not np.isinf(filled).any()
+    assert np.isfinite(gaps.filled(filled)).all()
     assert filled.shape[1:] == (len(names), 3)
