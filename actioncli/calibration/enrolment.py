@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.edit import mirrored
 from actioncli.errors import StoreError, UsageError
 from actioncli.recognition.decision import Decision, compared
 from actioncli.recognition.recognizer import Recognizer
@@ -51,6 +52,7 @@ def enrol(
     clips: Sequence[Clip],
     note: str = "",
     negative: bool = False,
+    either_side: bool = False,
 ) -> list[Enrolled]:
     """Keep clips as examples of an action, all of them or none, with their embeddings.
 
@@ -61,10 +63,12 @@ def enrol(
         label: name of the action; of no account with `negative`.
         note: kept with the examples.
         negative: the clips show what must never be accepted.
+        either_side: the action counts with left and right exchanged, too: the mirror image of each
+            clip becomes an example beside it.
 
     Returns:
-        What became of each clip, with warnings about what it looks like beside all others. Where
-        the store's content cannot be compared with, that is the only warning.
+        What became of each clip, mirror images last, with warnings about what it looks like beside
+        all others. Where the store's content cannot be compared with, that is the only warning.
 
     Raises:
         UsageError: the label is not allowed.
@@ -72,6 +76,8 @@ def enrol(
         StoreError: the store cannot be written.
     """
     label = NEGATIVES if negative else check_label(label)
+    given = len(clips)
+    clips = [*clips, *map(mirrored, clips)] if either_side else clips
     checksum, embeddings = "", list[FloatArray]()
     warnings: list[tuple[str, ...]] = [()] * len(clips)
     support: SupportSet | None = None
@@ -85,8 +91,10 @@ def enrol(
             # A damaged example, for instance, is no reason to refuse a new one.
             warnings = [(f"not compared with the others: {error}",)] * len(clips)
     if support is not None and not negative:
-        own = [*support.actions.get(label, ()), *embeddings]
-        warnings = [tuple(_warnings(support, label, own, clip)) for clip in embeddings]
+        # What is unlike its own mirror image is no bad example.
+        own = [*support.actions.get(label, ()), *embeddings[:given]]
+        asked = embeddings[:given]
+        warnings[:given] = [tuple(_warnings(support, label, own, clip)) for clip in asked]
     try:
         missing = support.recomputed if support is not None else None
         labelled = [(label, clip) for clip in clips]

@@ -44,6 +44,14 @@ def enroll(
     negative: Annotated[
         bool, typer.Option("--negative", help="Enrol what must never be accepted.")
     ] = False,
+    either_side: Annotated[
+        bool,
+        typer.Option(
+            "--either-side",
+            help="The action counts with left and right exchanged, too: each clip's mirror image "
+            "becomes an example beside it.",
+        ),
+    ] = False,
     note: Annotated[str, typer.Option(metavar="TEXT", help="Kept with the examples.")] = "",
     weights: WeightsOption = None,
     options: ClipReading,
@@ -75,6 +83,7 @@ def enroll(
     Examples:
       actioncli enroll wave wave.mp4
       actioncli enroll wave --camera 0
+      actioncli enroll kick kick.mp4 --either-side
       actioncli enroll wave recordings/wave/ --note "living room"
       actioncli enroll squat 'day1/squat_*.json' --unit mm --up y
       actioncli enroll --negative scratching.npy stretching.npy
@@ -113,7 +122,7 @@ def enroll(
     outcomes = list(usable(_given(settings, paths or [], options, camera, seconds), recognizer))
     clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
     with settings.open_store() as store:
-        enrolled = enrol(store, recognizer, label, clips_read, note, negative)
+        enrolled = enrol(store, recognizer, label, clips_read, note, negative, either_side)
 
     entries: list[dict[str, object]] = []
     remaining = iter(enrolled)
@@ -133,10 +142,13 @@ def enroll(
             )
         for line in one.warnings:
             settings.tell(f"warning: {printable(path)}: {printable(line)}")
-    failed = len(outcomes) - len(enrolled)
+    images = list(remaining)
+    if images:
+        settings.tell(f"{plural(len(images), 'mirror image')} kept beside the clips")
+    failed = len(outcomes) - len(clips_read)
     if settings.json:
-        added = sum(one.added for one in enrolled)
-        counts = {"added": added, "known": len(enrolled) - added, "failed": failed}
+        added = sum(one.added for one in enrolled[: len(clips_read)])
+        counts = {"added": added, "known": len(clips_read) - added, "failed": failed}
         used = {"weights": recognizer and recognizer.weights.checksum}
         write_json({"label": label, "negative": negative, **used, "clips": entries, **counts})
     if failed:

@@ -72,6 +72,10 @@ def evaluate(
             show_default=False,
         ),
     ] = None,
+    either_side: Annotated[
+        bool,
+        typer.Option("--either-side", help="Enrol every example with its mirror image."),
+    ] = False,
     weights: WeightsOption = None,
     json: Annotated[
         Path | None,
@@ -138,7 +142,7 @@ def evaluate(
     read = _read(settings, collections)
     runs: list[tuple[Evaluation, str | None]] = []
     for name in scorers:
-        scorer, checksum = _scorer(name, weights, read, parts)
+        scorer, checksum = _scorer(name, weights, read, parts, either_side)
         with steps(shown=not settings.quiet) as step:
             found = run(
                 scorer,
@@ -199,7 +203,11 @@ def _read(settings: Settings, paths: Sequence[Path]) -> list[Collection]:
 
 
 def _scorer(
-    baseline: str | None, weights: Path | None, read: Sequence[Collection], parts: Splits | None
+    baseline: str | None,
+    weights: Path | None,
+    read: Sequence[Collection],
+    parts: Splits | None,
+    either_side: bool,
 ) -> tuple[Scorer, str | None]:
     """What is measured, and the checksum of the weights behind it."""
     from actioncli.evaluation import baselines
@@ -212,7 +220,7 @@ def _scorer(
     recognizer = Recognizer(weights)
     checksum = recognizer.weights.checksum
     if baseline is None:
-        return recognizer, checksum
+        return baselines.EitherSide(recognizer) if either_side else recognizer, checksum
     if baseline == "exp":
         return baselines.Exp(recognizer), checksum
     cohort = []

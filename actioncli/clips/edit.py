@@ -1,4 +1,4 @@
-"""Cutting a clip in time, and bringing what was measured to other times."""
+"""Cutting a clip in time, mirroring it, and bringing what was measured to other times."""
 
 from __future__ import annotations
 
@@ -6,6 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.skeleton import (
+    DEFAULT_JOINTS,
+    HAND_JOINTS,
+    default_columns,
+    midpoints,
+    mirrored_columns,
+)
 
 
 def cut(clip: Clip, start: float, end: float) -> Clip:
@@ -25,6 +32,22 @@ def cut(clip: Clip, start: float, end: float) -> Clip:
         clip.notes,
         clip.start + first / clip.fps,
     )
+
+
+def mirrored(clip: Clip) -> Clip:
+    """The joints that models read, with left and right exchanged."""
+    columns = default_columns(clip.joint_names)
+    columns |= {name: (at,) for at, name in enumerate(clip.joint_names) if name in HAND_JOINTS}
+    names = [name for name in (*DEFAULT_JOINTS, *HAND_JOINTS) if columns.get(name)]
+    groups = [columns[name] for name in names]
+    order = mirrored_columns(names)
+    joints = midpoints(clip.joints, groups)[:, order] * np.array([-1, 1, 1], np.float32)
+    confidence = None
+    if clip.confidence is not None:
+        seen = [clip.confidence[:, list(group)].min(axis=1) for group in groups]
+        confidence = np.stack(seen, axis=1)[:, order]
+    source = f"{clip.source} (mirrored)".lstrip()
+    return Clip(joints, names, clip.fps, confidence, source, clip.notes, clip.start)
 
 
 def resample(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.edit import mirrored
 from actioncli.clips.prepare import Preparation, prepare
 from actioncli.errors import SupportError, UsageError
 from actioncli.evaluation.splits import Splits
@@ -124,6 +125,24 @@ class Exp:
         """As the recogniser does, with another confidence."""
         compared = self._recognizer.compare(queries, support)
         return _comparison(support, compared.distance, np.exp(-compared.distance))
+
+
+class EitherSide:
+    """The recogniser where every example is enrolled with its mirror image beside it."""
+
+    def __init__(self, recognizer: Recognizer) -> None:
+        """Compare as `recognizer` does."""
+        self._recognizer, self.name = recognizer, f"{recognizer.name}, either side"
+
+    def embed(self, clips: Sequence[Clip]) -> FloatArray:
+        """(N, 2, F, E): each clip, and its mirror image."""
+        views = [self._recognizer.embed(each) for each in (clips, [*map(mirrored, clips)])]
+        return np.stack(views, axis=1)
+
+    def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
+        """As the recogniser does; queries are not mirrored."""
+        both = {label: np.concatenate([each[:, 0], each[:, 1]]) for label, each in support.items()}
+        return self._recognizer.compare(queries[:, 0], both)
 
 
 class AlwaysReject:

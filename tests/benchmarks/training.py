@@ -35,7 +35,7 @@ def plain_loss(
     encoding = torch.from_numpy(trx_os.positional_encoding(support.shape[2], width))
 
     def tuples(frames: Tensor) -> Tensor:
-        features = trx_os.psi(params, config, frames.flatten(-2)) + encoding
+        features = trx_os.psi(params, frames) + encoding
         return torch.cat([features[..., first, :], features[..., second, :]], dim=-1)
 
     def mapped(pairs: Tensor) -> tuple[Tensor, Tensor]:
@@ -54,7 +54,7 @@ def plain_loss(
                 query_values - trx_os.prototypes(trx_os.attention(query_keys, keys), values)
             )
         difference = torch.stack(differences)  # (Q, K, P, W)
-        distances = trx_os.distance(config, difference)
+        distances = trx_os.distance(difference)
         target = targets[episode]
         known, nearest = target >= 0, distances.argmin(dim=1)
         loss = functional.cross_entropy(-distances[known], target[known])

@@ -116,3 +116,18 @@ def test_a_damaged_threshold_keeps_no_clip_out(store: SupportStore, recognizer: 
     (one,) = enrol(store, recognizer, "squat", [SQUAT])
     assert one.added
     assert one.warnings[0].startswith("not compared with the others: ")
+
+
+def test_either_side_keeps_the_mirror_image_beside_the_clip(tmp_path: Path) -> None:
+    left, right = (read_clip(EXAMPLES / f"wave_{side}/ada.npz") for side in ("left", "right"))
+    recognizer = Recognizer()
+    with SupportStore(tmp_path / "support.db") as store:
+        enrol(store, recognizer, "wave_right", [right])
+        assert not SupportSet.load(store, recognizer).classify(left).accepted
+        store.remove("wave_right")
+        clip, image = enrol(store, recognizer, "wave", [right], either_side=True)
+        assert clip.added
+        assert image.added
+        assert clip.warnings == image.warnings == ()
+        assert [each.source.endswith(" (mirrored)") for each in store.examples()] == [False, True]
+        assert SupportSet.load(store, recognizer).classify(left).label == "wave"
