@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from html import escape
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from actioncli.clips.drawing import strip
 from actioncli.clips.gaps import filled
@@ -74,7 +74,7 @@ class Clip:
             raise ClipError(f"{where}joint names appear twice: {', '.join(twice)}.")
         if np.isinf(positions).any():
             raise ClipError(f"{where}joints hold infinity; a joint that was not seen is NaN.")
-        unseen = np.isnan(positions).any(axis=2)
+        unseen: NDArray[np.bool_] = np.any(np.isnan(positions), axis=2)
         if unseen.any():
             positions = _frozen(np.where(unseen[..., None], np.nan, positions), "joints")
         largest = float(np.nanmax(np.abs(positions))) if positions.size > 3 * unseen.sum() else 0.0

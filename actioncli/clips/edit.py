@@ -36,7 +36,7 @@ def cut(clip: Clip, start: float, end: float) -> Clip:
 
 def mirrored(clip: Clip) -> Clip:
     """The joints that models read, with left and right exchanged."""
-    columns = default_columns(clip.joint_names)
+    columns = {**default_columns(clip.joint_names)}
     columns |= {name: (at,) for at, name in enumerate(clip.joint_names) if name in HAND_JOINTS}
     names = [name for name in (*DEFAULT_JOINTS, *HAND_JOINTS) if columns.get(name)]
     groups = [columns[name] for name in names]

@@ -44,8 +44,9 @@ def filled(joints: FloatArray) -> FloatArray:
     """Joints (T, J, 3) with a place for what is NaN: on a line between the frames around it, at
     the ends the nearest frame's; a joint that is never there stands in the middle of the others."""
     joints, frames = joints.copy(), np.arange(len(joints))
-    gone = np.isnan(joints[..., 0])
-    middle = np.nanmean(np.where(gone.all(axis=1)[:, None, None], 0, joints), axis=1)
+    gone: BoolArray = np.isnan(joints[..., 0])
+    nobody: BoolArray = np.all(gone, axis=1)
+    middle = np.nanmean(np.where(nobody[:, None, None], 0, joints), axis=1)
     for joint in np.flatnonzero(gone.any(axis=0)):
         lost = gone[:, joint]
         for axis in range(3):

@@ -142,11 +142,9 @@ def _without_unseen(
             lost[:, at] = gone[:, None]
         elif names[0] == "lsho":
             left, right = body[:, _JOINT["lhip"]], body[:, _JOINT["rhip"]]
-            across, middle = left - right, (left + right) / 2
-            wide = np.median(np.linalg.norm(across, axis=-1))
-            body[:, at] = (
-                np.stack([across, -across], axis=1) + (middle - 2.5 * wide * down)[:, None]
-            )
+            wide = np.median(np.linalg.norm(left - right, axis=-1))
+            above = (left + right) / 2 - 2.5 * wide * down
+            body[:, at] = np.stack([above + left - right, above + right - left], axis=1)
         elif names[0] == "lhip":
             left, right = body[:, _JOINT["lsho"]], body[:, _JOINT["rsho"]]
             across = (left - right) / 4
