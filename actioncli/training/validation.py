@@ -20,6 +20,9 @@ from actioncli.training.data import Indices, TrainingSet, query_of
 
 EPISODES = 240
 MOST_WAYS = 4
+# Clips that are compared with one another to find out what a confidence means, and how many of
+# each class at most.
+_PAIRED, _OF_CLASS = 256, 6
 # Share of clips of something else that a confidence of 0.5 takes for a given action.
 WRONG_AT_HALF = 0.01
 
@@ -37,7 +40,7 @@ class Validation:
         Raises:
             UsageError: too few classes.
         """
-        self._config = config
+        self._config, self._data = config, data
         # As long as nothing is fitted, a confidence is the sigmoid of the logit as it is.
         shapes = parts.fitted_shapes(config) if isinstance(config, PartsConfig) else {}
         self._unfitted = {name: np.ones(shape, np.float32) for name, shape in shapes.items()}
@@ -65,6 +68,10 @@ class Validation:
             asked += [np.int64(rng.choice(data.members[label])) for label in others]
             targets = np.where(np.arange(len(asked)) < ways, np.arange(len(asked)), -1)
             drawn.append((np.array(support), np.array(asked), targets))
+        self._paired = np.concatenate(
+            [rng.permutation(data.members[label])[:_OF_CLASS] for label in usable]
+        )
+        self._paired = rng.permutation(self._paired)[:_PAIRED]
         used = np.unique(np.concatenate([np.concatenate(each[:2]) for each in drawn]))
         self._clips = [data.clips[row] for row in used]
         self._episodes = [
@@ -72,13 +79,14 @@ class Validation:
             for support, asked, targets in drawn
         ]
 
+    def _recognizer(self, tensors: Mapping[str, FloatArray]) -> Recognizer:
+        return Recognizer(Weights(self._config, {**self._unfitted, **tensors}, {}, "", Path()))
+
     def _compared(
         self, tensors: Mapping[str, FloatArray]
     ) -> list[tuple[FloatArray, FloatArray, Indices]]:
         """Of each episode distance and confidence (queries, ways), and the targets (queries,)."""
-        recognizer = Recognizer(
-            Weights(self._config, {**self._unfitted, **tensors}, {}, "", Path())
-        )
+        recognizer = self._recognizer(tensors)
         embedded = recognizer.embed(self._clips)
         found = []
         for support, asked, targets in self._episodes:
@@ -107,18 +115,21 @@ class Validation:
         }
 
     def confidence(self, tensors: Mapping[str, FloatArray]) -> dict[str, NDArray[Any]]:
-        """The map from logit to confidence, sigmoid(scale · logit + shift): the scale of the
-        logistic regression on pairs, right and wrong ones of equal weight, and the shift that puts
-        `WRONG_AT_HALF` of the wrong ones above 0.5.
+        """The map from logit to confidence, sigmoid(scale · logit + shift): over pairs of clips of
+        all classes the scale of the logistic regression, right and wrong pairs of equal weight, and
+        the shift that puts `WRONG_AT_HALF` of the wrong ones above 0.5.
 
         Args:
             tensors: what training learned, without such a map.
         """
-        found = self._compared(tensors)
-        logits = np.concatenate([-np.log(distance).ravel() for distance, _, _ in found])
-        own = np.concatenate(
-            [(targets[:, None] == np.arange(each.shape[1])).ravel() for each, _, targets in found]
-        )
+        recognizer = self._recognizer(tensors)
+        embedded = recognizer.embed([self._data.clips[row] for row in self._paired])
+        each = {str(place): embedded[[place]] for place in range(len(embedded))}
+        # The model is symmetric, so each pair is asked once.
+        of = np.triu_indices(len(embedded), k=1)
+        logits = -np.log(recognizer.compare(embedded, each).distance[of])
+        label = self._data.labels[self._paired]
+        own = label[of[0]] == label[of[1]]
         bound = np.quantile(logits[~own], 1 - WRONG_AT_HALF)
         weight = np.where(own, 0.5 / own.sum(), 0.5 / (~own).sum())
         signs = np.where(own, -1, 1)
