@@ -162,6 +162,18 @@ def swapped(share: float) -> Disturb:
     return disturb
 
 
+def unseen(*joints: str, sides: int = 2) -> Disturb:
+    """Joints of both sides, or of one side by chance, never seen."""
+
+    def disturb(whole: FloatArray, fps: float, rng: np.random.Generator) -> Any:
+        lost = whole.copy()
+        for side in rng.permutation(["l", "r"])[:sides]:
+            lost[:, [_AT[side + joint] for joint in joints]] = np.nan
+        return lost, fps
+
+    return disturb
+
+
 STUDY: Sequence[tuple[str, Disturb]] = (
     ("as recorded", noisy(0.0)),
     *((f"heading {d}°", turned(d, 1)) for d in (45, 90, 180)),
@@ -175,6 +187,8 @@ STUDY: Sequence[tuple[str, Disturb]] = (
     *((f"{round(100 * s)} % of joints missing", missing(s)) for s in (0.05, 0.1, 0.2)),
     *((f"noise of {round(100 * m)} cm", noisy(m)) for m in (0.01, 0.03, 0.05)),
     *((f"limb swapped in {round(100 * s)} % of frames", swapped(s)) for s in (0.1, 0.2, 0.4)),
+    ("legs not in view", unseen("kne", "ank")),
+    ("one arm hidden", unseen("elb", "wri", sides=1)),
     ("found by a simulated camera", estimated),
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,6 +77,13 @@ def evaluate(
         bool,
         typer.Option("--either-side", help="Enrol every example with its mirror image."),
     ] = False,
+    changed: Annotated[
+        bool,
+        typer.Option(
+            "--changed",
+            help="Ask clips made of the enrolled ones: backwards, shuffled, a limb frozen, ...",
+        ),
+    ] = False,
     weights: WeightsOption = None,
     json: Annotated[
         Path | None,
@@ -108,6 +116,7 @@ def evaluate(
       actioncli evaluate recordings/*.npz --splits splits.json --ways 5 --json figures.json
       actioncli evaluate kard.npz --protocol personal --baseline dtw
       actioncli evaluate kard.npz --baseline exp --baseline dtw --json -
+      actioncli evaluate kard.npz --changed
 
     \b
     JSON keys:
@@ -117,6 +126,7 @@ def evaluate(
       .metrics: fsos_accuracy, always_reject_fsos_accuracy, closed_set_accuracy, auroc, oscr,
         fpr_at_95_tpr, false_accept_rate, false_reject_rate; each with mean and std
       .reliability[]: share, confidence, accuracy
+      with --changed: scorer, weights, tau, accepted; accepted[]: kind, share, of
       skipped[]: collection, reason
       others[]: the same keys, for every further baseline
     """
@@ -140,6 +150,9 @@ def evaluate(
 
     parts = read_splits(splits) if splits else None
     read = _read(settings, collections)
+    if changed:
+        _changed(settings, read, parts, weights, None if to_stdout else json, to_stdout)
+        return
     runs: list[tuple[Evaluation, str | None]] = []
     for name in scorers:
         scorer, checksum = _scorer(name, weights, read, parts, either_side)
@@ -168,6 +181,36 @@ def evaluate(
         _say_figures(found)
     if json is not None:
         _write_document(json, document)
+
+
+def _changed(
+    settings: Settings,
+    read: Sequence[Collection],
+    parts: Splits | None,
+    weights: Path | None,
+    file: Path | None,
+    to_stdout: bool,
+) -> None:
+    """Ask clips made of enrolled ones."""
+    from actioncli.evaluation.changed import changed
+    from actioncli.recognition.recognizer import Recognizer
+    from actioncli.recognition.threshold import DEFAULT_TAU
+
+    recognizer = Recognizer(weights)
+    settings.tell("Asking clips made of the enrolled ones.")
+    found = changed(recognizer, read, parts, DEFAULT_TAU)
+    document = {
+        "scorer": recognizer.name,
+        "weights": recognizer.weights.checksum,
+        "tau": DEFAULT_TAU,
+        "accepted": [asdict(each) for each in found],
+    }
+    if to_stdout:
+        write_json(document)
+        return
+    say(table(("queries", "accepted", "asked"), [(e.kind, e.share, e.of) for e in found]))
+    if file is not None:
+        _write_document(file, document)
 
 
 def _numbers(ways: str | None) -> tuple[int, ...]:
