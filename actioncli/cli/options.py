@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -99,7 +99,7 @@ EndOption = Annotated[
     typer.Option(metavar="SECONDS", help="Where it ends.  [default: found from the motion]"),
 ]
 QualityOption = Annotated[
-    str | None,
+    Literal["fast", "accurate"] | None,
     typer.Option(metavar="fast|accurate", help="Pose network for videos.  [default: fast]"),
 ]
 PersonOption = Annotated[
@@ -113,7 +113,8 @@ CacheOption = Annotated[
 ]
 
 PoseOption = Annotated[
-    str, typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos.")
+    Literal["blazepose", "metrabs"],
+    typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos."),
 ]
 PoseModelOption = Annotated[
     Path | None,
@@ -138,10 +139,23 @@ def read_options(
     pose: PoseOption = "blazepose",
     pose_model: PoseModelOption = None,
 ) -> ReadOptions:
-    """What the options say; a command takes those that mean something to it."""
-    network = quality and checked_quality(quality)
-    model = chosen_pose_model(pose, pose_model)
-    return ReadOptions(layout, fps, unit, up, start, end, network, person, cache, model)
+    """What the options say; a command takes those that mean something to it.
+
+    Raises:
+        UsageError: two of them do not fit.
+        WeightsError: the pose model cannot be loaded.
+    """
+    if (pose == "metrabs") != (pose_model is not None):
+        raise UsageError(
+            "--pose metrabs and --pose-model FOLDER belong together: the model is not part of "
+            "actioncli."
+        )
+    model: PoseModel | None = None
+    if pose_model is not None:
+        from actioncli.pose.metrabs import load_model
+
+        model = load_model(pose_model)
+    return ReadOptions(layout, fps, unit, up, start, end, quality, person, cache, model)
 
 
 _FILE, _PERSON = "layout unit up fps", "quality person cache"
@@ -150,38 +164,3 @@ FileReading = Annotated[ReadOptions, Options(read_options, _FILE)]
 ArchiveReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_PERSON}")]
 VideoReading = Annotated[ReadOptions, Options(read_options, _VIDEO)]
 ClipReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_VIDEO}")]
-
-
-def checked_quality(quality: str | None) -> str:
-    """The quality to use.
-
-    Raises:
-        UsageError: there is no such one.
-    """
-    from actioncli.pose.networks import LANDMARKS
-    from actioncli.pose.video import DEFAULT_QUALITY
-
-    if quality is not None and quality not in LANDMARKS:
-        raise UsageError(f"--quality is {' or '.join(LANDMARKS)}, not {quality!r}.")
-    return quality or DEFAULT_QUALITY
-
-
-def chosen_pose_model(pose: str, path: Path | None) -> PoseModel | None:
-    """The MeTRAbs model to use; None for BlazePose.
-
-    Raises:
-        UsageError: the two options do not fit.
-        WeightsError: the model cannot be loaded.
-    """
-    if pose not in ("blazepose", "metrabs"):
-        raise UsageError(f"--pose is blazepose or metrabs, not {pose!r}.")
-    if (pose == "metrabs") != (path is not None):
-        raise UsageError(
-            "--pose metrabs and --pose-model FOLDER belong together: the model is not part of "
-            "actioncli."
-        )
-    if path is None:
-        return None
-    from actioncli.pose.metrabs import load_model
-
-    return load_model(path)

@@ -111,7 +111,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]], indent: str =
         bool(rows) and all(isinstance(cell, int | float) for cell in column)
         for column in zip(*rows, strict=True)
     ] or [False] * len(header)
-    lines = [list(header), *([_cell(cell) for cell in row] for row in rows)]
+    texts = [[f"{c:.2f}" if isinstance(c, float) else printable(c) for c in row] for row in rows]
+    lines = [list(header), *texts]
     widths = [max(map(_width, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         indent
@@ -121,10 +122,6 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]], indent: str =
         ).rstrip()
         for line in lines
     )
-
-
-def _cell(value: object) -> str:
-    return f"{value:.2f}" if isinstance(value, float) else printable(value)
 
 
 def _width(text: str) -> int:

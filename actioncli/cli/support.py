@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.options import complete_label
+from actioncli.cli.common import check_output
+from actioncli.cli.options import ForceOption, complete_label
 from actioncli.cli.output import plural, printable, progress, say, table, write_json
 from actioncli.errors import SupportError, UsageError
 
@@ -77,6 +78,7 @@ def show(
             show_default=False,
         ),
     ] = None,
+    force: ForceOption = False,
     dark: Annotated[
         bool, typer.Option("--dark", help="Draw on dark paper; .svg follows its reader without.")
     ] = False,
@@ -101,6 +103,7 @@ def show(
         from actioncli.report.pictures import check_picture
 
         check_picture(out)
+        check_output(out, force=force)
     with settings.open_store() as store:
         examples = store.examples(label)
         if example is not None:

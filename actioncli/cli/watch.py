@@ -14,7 +14,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
-from actioncli.cli.options import QualityOption, TauOption, WeightsOption, checked_quality
+from actioncli.cli.options import QualityOption, TauOption, WeightsOption
 from actioncli.cli.output import note, printable, say
 from actioncli.files import json_text
 
@@ -70,11 +70,11 @@ def watch(
     """
     from actioncli.live.commands import CommandRunner
     from actioncli.live.recorder import Recorder
+    from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
     from actioncli.recognition.recognizer import Recognizer
 
     run = CommandRunner(execute, _note) if execute is not None else None
-    network = checked_quality(quality)
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = load_support(settings, store, recognizer, tau)
@@ -84,7 +84,7 @@ def watch(
             for event in events_of(
                 source,
                 support,
-                quality=network,
+                quality=quality or DEFAULT_QUALITY,
                 recorder=recorder,
                 on_frame=view.show,
                 note=lambda line: settings.tell(f"note: {printable(source)}: {line}"),

@@ -52,6 +52,10 @@ def test_what_stands_there_is_written_over_by_force_or_where_it_is_a_page_of_our
     result = invoke(*words)
     assert (result.exit_code, "--force" in result.stderr) == (2, True)
     assert page.read_text() == "mine"
+    picture = page.rename(tmp_path / "squat.svg")
+    assert invoke("show", "squat", "-o", picture).exit_code == 2
+    assert invoke("show", "squat", "-o", picture, "--force").exit_code == 0
+    page.write_text("mine")
     assert invoke(*words, "--force").exit_code == 0
     assert invoke(*words).exit_code == 0
     assert "mine" not in page.read_text(encoding="utf-8").split()

@@ -86,11 +86,11 @@ def test_a_collection_is_evaluated(odd: Path, invoke: Invoke, toys: Path) -> Non
 
 def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
     pytest.importorskip("pyarrow", reason="needs the extra `ray`")
-    from actioncli.archives.batch import Stage, Task
+    from actioncli.archives.batch import Task
     from actioncli.archives.results import Results, storable
 
     squat = {"squat": [read_clip(EXAMPLES / "squat/ada.npz")]}
-    stage = Stage(Task(SupportSet.from_clips(squat, tau=0.5)))
+    task = Task(SupportSet.from_clips(squat, tau=0.5))
     # Beside one whose name says in so many characters what the other's is told as.
     files = {odd / f"{ODD}.npz": "squat/ben.npz", odd.parent / "o\\udcffde.npz": "bow/ben.npz"}
     for file, example in files.items():
@@ -99,7 +99,7 @@ def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
         results.set_files(files)
         for source in results.missing(9):
             source.encode()
-            results.add(stage.row(source))
+            results.add(task.row(source))
         assert results.count() == {
             "files": 2, "done": 2, "accepted": 1, "rejected": 1, "failed": 0,
         }  # fmt: skip
