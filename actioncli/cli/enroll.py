@@ -98,7 +98,7 @@ def enroll(
     from actioncli.recognition.recognizer import Recognizer
     from actioncli.store.names import check_label
 
-    paths = [Path(label), *(clips or [])] if negative else clips
+    paths = [file_named(label), *(clips or [])] if negative else clips
     if camera is not None and paths:
         raise UsageError("--camera records the clip of a label; files are enrolled without it.")
     if math.isnan(seconds):  # neither less nor more than the option's bounds

@@ -23,7 +23,7 @@ def test_accepted_and_rejected_clips_get_the_same_page(
     assert f"explained in {page}" in result.stderr
     text = page.read_text(encoding="utf-8")
     assert ("Accepted as" if accepted else "is not above the threshold") in text
-    for part in ("The nearest actions", "By joint", "By moment", "right wrist",
+    for part in ("The nearest actions", "By body part", "By moment", "right arm",
                  "Attention between moments", "What happened to the clip before",
                  "unit inferred from the size of the body"):  # fmt: skip
         assert part in text

@@ -89,8 +89,14 @@ def test_folders_are_meant_by_name_first_and_an_empty_name_is_none(
     for pattern in ("day[1]", "day[1]/*.npz", tmp_path / "day[1]" / "*.npz"):
         clips = ask("enroll", "squat", pattern)["clips"]
         assert {Path(clip["source"]).parent.name for clip in clips} == {"day[1]"}
-    for words in (["enroll", "squat", ""], ["classify", ""], ["extract", "", "-o", "a.npz"],
-                  ["batch", "", "out.csv"]):  # fmt: skip
+    empty = (
+        ["enroll", "squat", ""],
+        ["enroll", "--negative", ""],
+        ["classify", ""],
+        ["extract", "", "-o", "a.npz"],
+        ["batch", "", "out.csv"],
+    )
+    for words in empty:
         result = invoke(*words)
         assert (result.exit_code, "a name is empty" in result.stderr) == (2, True), words
 
