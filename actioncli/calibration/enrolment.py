@@ -12,6 +12,7 @@ import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import mirrored
+from actioncli.clips.view import check_view, view_notes
 from actioncli.errors import StoreError, UsageError
 from actioncli.recognition.decision import Decision, compared
 from actioncli.recognition.recognizer import Recognizer
@@ -72,11 +73,15 @@ def enrol(
 
     Raises:
         UsageError: the label is not allowed.
-        ClipError: a clip lacks joints that the model reads, or is too large to keep.
+        ClipError: a clip lacks joints that the model reads, is too large to keep, or shows of an
+            action little but what was not seen.
         StoreError: the store cannot be written.
     """
     label = NEGATIVES if negative else check_label(label)
     given = len(clips)
+    if not negative:
+        for clip in clips:
+            check_view(clip)
     clips = [*clips, *map(mirrored, clips)] if either_side else clips
     checksum, embeddings = "", list[FloatArray]()
     warnings: list[tuple[str, ...]] = [()] * len(clips)
@@ -95,6 +100,7 @@ def enrol(
         own = [*support.actions.get(label, ()), *embeddings[:given]]
         asked = embeddings[:given]
         warnings[:given] = [tuple(_warnings(support, label, own, clip)) for clip in asked]
+    warnings = [about + view_notes(clip) for about, clip in zip(warnings, clips, strict=True)]
     try:
         missing = support.recomputed if support is not None else None
         labelled = [(label, clip) for clip in clips]

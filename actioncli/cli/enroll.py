@@ -119,7 +119,8 @@ def enroll(
         # Enrolment itself needs none.
         settings.tell(f"warning: the clips are not checked: {printable(error)}")
     # A clip that the model cannot use would fail every later classification.
-    outcomes = list(usable(_given(settings, paths or [], options, camera, seconds), recognizer))
+    given = _given(settings, paths or [], options, camera, seconds)
+    outcomes = list(usable(given, recognizer, examples=not negative))
     clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
     with settings.open_store() as store:
         enrolled = enrol(store, recognizer, label, clips_read, note, negative, either_side)

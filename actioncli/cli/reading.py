@@ -72,14 +72,21 @@ def read_each(
 
 
 def usable(
-    clips: Iterable[tuple[Path, Clip | ClipError]], recognizer: Recognizer | None
+    clips: Iterable[tuple[Path, Clip | ClipError]],
+    recognizer: Recognizer | None,
+    *,
+    examples: bool = False,
 ) -> Iterator[tuple[Path, Clip | dict[str, object]]]:
     """The clips that a recogniser can use; each other one is reported, and comes as its entry in
-    JSON."""
+    JSON. As `examples` of an action they must show what moves."""
+    from actioncli.clips.view import check_view
+
     for path, clip in clips:
         try:
             if isinstance(clip, ClipError):
                 raise clip
+            if examples:
+                check_view(clip)
             if recognizer is not None:
                 recognizer.embed([clip])
         except ClipError as error:

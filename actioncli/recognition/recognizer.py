@@ -13,6 +13,7 @@ import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
+from actioncli.clips.view import view_notes
 from actioncli.errors import SupportError, UsageError, WeightsError
 from actioncli.model import paper_compare, parts_compare
 from actioncli.model.arrays import sigmoid, softmax
@@ -226,7 +227,8 @@ class Recognizer:
         notes: tuple[str, ...] = ()
         spans: list[tuple[float, float]] = []
         if isinstance(clip, Clip):
-            notes, spans = clip.notes, [(clip.start, clip.start + clip.duration)]
+            notes = clip.notes + view_notes(clip)
+            spans = [(clip.start, clip.start + clip.duration)]
             # Of ten thousand windows only what their comparison gives is kept.
             for block in _blocks(windows(clip, enrolled.durations)):
                 of_block = self.compare(self.embed(block), enrolled.actions)
