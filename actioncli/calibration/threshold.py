@@ -76,18 +76,13 @@ class Calibration:
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""
-        plain = {
-            name: [
-                {
-                    key: each.to_json() if isinstance(each, Rate) else each
-                    for key, each in row.items()
-                }
-                for row in rows
-            ]
-            for name, rows in self.figures().items()
-        }
+
+        def plain(row: dict[str, Any]) -> dict[str, Any]:
+            return {k: v.to_json() if isinstance(v, Rate) else v for k, v in row.items()}
+
+        figures = {name: [plain(row) for row in rows] for name, rows in self.figures().items()}
         decided = {"tau": self.tau, "measured": self.measured, "target_far": self.target_far}
-        return {**decided, **plain, "notes": list(self.notes)}
+        return {**decided, **figures, "notes": list(self.notes)}
 
 
 def calibrate(
@@ -173,31 +168,36 @@ def recommend(trials: Trials, target_far: float, per_action: bool = False) -> Ca
         for kind, number in of_kind.items()
         if 0 < number < needed
     ]
-    low, high = trials.false_accepts(tau).interval
-    if high > 2 * target_far:
-        notes.append(
-            f"{motions} motions other than the actions are few: the rate of false accepts "
-            f"may be anything from {low:.2f} to {high:.2f}."
-        )
-    rejects = trials.false_rejects(tau)
-    low, high = rejects.interval
-    if rejects.of and high - low > _VAGUE:
-        notes.append(
-            f"{rejects.of} examples that have others of their action are few: the rate "
-            f"of false rejects may be anything from {low:.2f} to {high:.2f}."
-        )
+    accepts, rejects = trials.false_accepts(tau), trials.false_rejects(tau)
+    (_, most), (low, high) = accepts.interval, rejects.interval
+    for few, what, rate, kind in (
+        (most > 2 * target_far, f"{motions} motions other than the actions", accepts, "accepts"),
+        (
+            rejects.of and high - low > _VAGUE,
+            f"{rejects.of} examples that have others of their action",
+            rejects,
+            "rejects",
+        ),
+    ):
+        if few:
+            low, high = rate.interval
+            notes.append(
+                f"{what} are few: the rate of false {kind} may be anything from {low:.2f} to "
+                f"{high:.2f}."
+            )
     if 2 * rejects.count > rejects.of:
         notes.append(
             f"This threshold rejects {rejects.count} of {rejects.of} of your own examples. What "
             "is taken for an action without being one is better enrolled with `actioncli enroll "
             "--negative CLIP...` than kept out by a threshold."
         )
-    actions = {}
-    for action, label in enumerate(trials.labels if per_action else ()):
-        near = unknown & (trials.nearest == action)
-        if trials.motions(near) >= needed:
-            actions[label] = _smallest(trials, near, target_far)
-    actions = {label: smallest for label, smallest in actions.items() if smallest < 1}
+    near = [unknown & (trials.nearest == action) for action in range(count if per_action else 0)]
+    taus = {
+        label: _smallest(trials, asked, target_far)
+        for label, asked in zip(trials.labels, near, strict=False)
+        if trials.motions(asked) >= needed
+    }
+    actions = {label: smallest for label, smallest in taus.items() if smallest < 1}
     if per_action and len(actions) < count:
         notes.append(
             f"{count - len(actions)} of {count} actions have too few "

@@ -108,17 +108,10 @@ def doctor(
     ]
     problems = [check for check in checks if check.status == "problem"]
     if settings.json:
-        document: dict[str, object] = {
-            "ok": not problems,
-            "checks": [check.to_json() for check in checks],
-        }
-        if repair:
-            document["repair"] = None if repaired is None else repaired.to_json()
-        write_json(document)
-    else:
-        shown = problems if settings.quiet else checks
-        if shown:
-            say(table(("part", "status", "found"), [(c.name, c.status, c.detail) for c in shown]))
+        outcome = {"repair": None if repaired is None else repaired.to_json()} if repair else {}
+        write_json({"ok": not problems, "checks": [check.to_json() for check in checks], **outcome})
+    elif shown := problems if settings.quiet else checks:
+        say(table(("part", "status", "found"), [(c.name, c.status, c.detail) for c in shown]))
     if problems:
         note(f"error: {plural(len(problems), 'problem')}: {', '.join(c.name for c in problems)}")
         # Without weights nothing works at all, so they come first.
@@ -201,15 +194,11 @@ def _recognition(weights: Path | None) -> Iterator[Check]:
     try:
         recognizer = Recognizer(weights)
         loaded = recognizer.weights
-        recipe = loaded.metadata.get("recipe")
+        recipe, seed = loaded.metadata.get("recipe"), loaded.metadata.get("seed")
         # The whole recipe is a page of settings.
-        stated = (
-            {**loaded.metadata, "recipe": recipe.get("name")} if isinstance(recipe, dict) else {}
-        )
-        made = ", ".join(f"{key} {stated[key]}" for key in ("recipe", "seed") if key in stated)
-        yield Check(
-            "weights", "ok", f"{loaded.path} ({made or 'no recipe'}, {loaded.checksum[:12]})"
-        )
+        made = f"recipe {recipe.get('name')}" if isinstance(recipe, dict) else "no recipe"
+        made += "" if seed is None else f", seed {seed}"
+        yield Check("weights", "ok", f"{loaded.path} ({made}, {loaded.checksum[:12]})")
         names = loaded.config.preparation.joints
         joints = np.random.default_rng(0).normal(size=(20, len(names), 3))
         clip = Clip(joints, names)

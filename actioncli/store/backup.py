@@ -13,6 +13,7 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from actioncli.errors import StoreError
@@ -133,12 +134,17 @@ def make_backup(path: Path) -> bool:
                 part.unlink(missing_ok=True)
         sync_folder(path.parent)
     except (StoreError, OSError, sqlite3.Error) as error:
-        import logging
-
-        line = f"{backup_path(path)}: this copy of the support set cannot be renewed: {error}"
-        logging.getLogger("actioncli").warning("%s", plain_text(line, 1000))
+        _log(f"{backup_path(path)}: this copy cannot be renewed: {error.__cause__ or error}")
         return False
     return True
+
+
+@cache
+def _log(line: str) -> None:
+    """Once in a process; without handlers it is a line on standard error."""
+    import logging
+
+    logging.getLogger("actioncli").warning("%s", plain_text(line, 1000))
 
 
 def _prune(path: Path, db: sqlite3.Connection) -> None:

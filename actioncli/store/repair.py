@@ -114,7 +114,12 @@ def repair(path: Path) -> Repair | None:
             done.kept = _keep(file, path, folder)
             if journal.is_file():
                 # A journal belongs to what it can play back, never to the file that comes now.
-                _overwrite(file, copy)
+                file.seek(0)
+                with copy.open("rb") as recovered:
+                    shutil.copyfileobj(recovered, file)
+                file.truncate()
+                file.flush()
+                os.fsync(file.fileno())
                 journal.unlink()
                 sync_folder(path.parent)
             if os.name == "nt":
@@ -350,13 +355,3 @@ def _copy(source: BinaryIO, target: Path) -> None:
         shutil.copyfileobj(source, file)
         file.flush()
         os.fsync(file.fileno())
-
-
-def _overwrite(file: BinaryIO, copy: Path) -> None:
-    """Play back the journal: give the open file the content of its recovered copy."""
-    file.seek(0)
-    with copy.open("rb") as source:
-        shutil.copyfileobj(source, file)
-    file.truncate()
-    file.flush()
-    os.fsync(file.fileno())

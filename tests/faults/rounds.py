@@ -36,7 +36,7 @@ from actioncli import read_clip
 from actioncli.errors import StoreError
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 from actioncli.store.archive import read_archive
-from actioncli.store.backup import make_backup
+from actioncli.store.backup import backup_path, make_backup
 from actioncli.store.record import Record
 from actioncli.store.store import SupportStore
 from tests.forking import NOBODY, fork
@@ -496,6 +496,9 @@ class Round:
         nobodys = [label for label in held if not label.startswith((*names, *self.initial))]
         if nobodys:
             raise RoundError(f"labels of nobody: {nobodys}")
+        copy = SupportStore(backup_path(self.store.path))
+        if not kept_threshold(self.store) and copy.path.is_file() and kept_threshold(copy):
+            raise RoundError("the copy holds a threshold that was forgotten")
         if self.store.path.exists() and stat.S_IMODE(self.store.path.stat().st_mode) != 0o600:
             raise RoundError("others may read the store")
         journal = self.store.path.with_name(self.store.path.name + "-journal")

@@ -85,7 +85,7 @@ def test_a_copy_that_cannot_be_written_is_one_line_on_standard_error(store: Supp
     for _ in "ab":
         command = [sys.executable, "-c", script, str(store.path)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
-        assert done.stderr.startswith(f"{copy}: this copy of the support set cannot be renewed: ")
+        assert done.stderr.startswith(f"{copy}: this copy cannot be renewed: ")
         assert done.stderr.count("\n") == 1
 
 
