@@ -23,7 +23,7 @@ def some_params() -> dict[str, FloatArray]:
     shapes = parts.parameter_shapes(CONFIG) | parts.fitted_shapes(CONFIG)
     return {
         name: rng.normal(0, 0.3, shape).astype(np.float32) for name, shape in shapes.items()
-    } | {"confidence.scale": np.ones(1, np.float32)}
+    } | {name: np.ones(shapes[name], np.float32) for name in ("confidence.scale", "pool.weight")}
 
 
 PARAMS = some_params()
