@@ -46,7 +46,8 @@ def filled(joints: FloatArray) -> FloatArray:
     joints, frames = joints.copy(), np.arange(len(joints))
     gone: BoolArray = np.isnan(joints[..., 0])
     nobody: BoolArray = np.all(gone, axis=1)
-    middle = np.nanmean(np.where(nobody[:, None, None], 0, joints), axis=1, dtype=np.float64)
+    seen = np.where(nobody[:, None, None], 0, joints)
+    middle: NDArray[np.float64] = np.asarray(np.nanmean(seen, axis=1, dtype=np.float64))
     for joint in np.flatnonzero(gone.any(axis=0)):
         lost = gone[:, joint]
         for axis in range(3):
