@@ -15,7 +15,6 @@ from actioncli.cli.output import note, plural, printable, say, write_json
 from actioncli.cli.studio import OpenOption, PortOption, review_page
 from actioncli.cli.support import draw
 from actioncli.errors import ClipError, UsageError
-from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:
     from actioncli.live.recorder import Kept
@@ -96,7 +95,12 @@ def _summarize(done: Mapping[str, int]) -> None:
 
 def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> dict[str, int]:
     """Ask about each clip; how many were enrolled, made negatives, and deleted."""
+    from actioncli.calibration.enrolment import enrol
+    from actioncli.clips.active import one_repetition
+    from actioncli.recognition.recognizer import Recognizer
+
     done = dict.fromkeys(_DONE, 0)
+    recognizer = Recognizer()
     for place, kept in enumerate(waiting, 1):
         try:
             clip = kept.clip()
@@ -120,10 +124,13 @@ def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> d
             label, key = typer.prompt("Name of the action", err=True).strip(), "e"
         if key in "en":
             try:
-                store.enroll(NEGATIVES if key == "n" else label, clip, kept.origin, key == "n")
-            except UsageError as refused:
+                one = one_repetition(clip)
+                (enrolled,) = enrol(store, recognizer, label, [one], kept.origin, key == "n")
+            except (ClipError, UsageError) as refused:
                 note(f"error: {printable(str(refused))}")
                 continue
+            for line in (*one.notes, *enrolled.warnings):
+                settings.tell(f"warning: {printable(line)}")
         kept.forget()
         done[_OF_KEY[key]] += 1
         if key == "e":

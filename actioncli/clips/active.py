@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -147,3 +149,17 @@ def action_in(clip: Clip) -> tuple[float, float, int]:
         return start, end, 1
     count = round(active.duration / (one[1] - one[0]))
     return start + one[0], start + one[1], max(count, 2)
+
+
+def one_repetition(clip: Clip) -> Clip:
+    """One repetition of a motion that repeats itself, with a note; else the whole clip.
+
+    Raises:
+        ClipError: nothing moves in it.
+    """
+    start, end, repetitions = action_in(clip)
+    if repetitions == 1:
+        return clip
+    note = f"used {start:.1f} s to {end:.1f} s, one of about {repetitions} repetitions"
+    one = cut(clip, start, end)
+    return replace(one, notes=(*one.notes, note))

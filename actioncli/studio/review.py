@@ -12,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from actioncli.clips.active import one_repetition
 from actioncli.errors import SupportError, UsageError
 from actioncli.live.recorder import Kept, kept_clips
 from actioncli.report.figure import figure
@@ -83,9 +84,9 @@ class Review:
     def _decide(self, kept: Kept, decision: str, label: str) -> list[str]:
         warnings: list[str] = []
         if decision != "delete":
-            clip = kept.clip()
+            clip = one_repetition(kept.clip())
             enrolled = self.support.enroll(label, clip, decision == "negative", kept.origin)
-            warnings = list(enrolled.warnings)
+            warnings = [*clip.notes, *enrolled.warnings]
         kept.forget()
         self.done[decision] += 1
         return warnings

@@ -16,6 +16,7 @@ from starlette.types import ASGIApp
 
 from actioncli.errors import UsageError
 from actioncli.studio.guard import Guard
+from actioncli.studio.protocol import MOST_IDLE, BoundedProtocol
 
 # Bytes of a WebSocket message: a picture of a camera, many times over.
 _LARGEST_MESSAGE = 4_000_000
@@ -67,7 +68,9 @@ class Server:
                 access_log=False,
                 log_level="error" if self._debug else "critical",
                 lifespan="off",
-                http="h11",
+                http=BoundedProtocol,
+                # Taken in one go, before the requests of any are looked at: none drops another.
+                backlog=MOST_IDLE,
                 ws="websockets-sansio",
                 ws_max_size=_LARGEST_MESSAGE,
                 server_header=False,

@@ -18,8 +18,9 @@ from actioncli.pose.video import Progress
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.store.names import file_name
 
-# Clips held at once; the oldest goes first. They are small: it is a bound, not a budget.
-_MOST = 64
+# Clips held at once: beyond, the oldest goes that no page asks for any more. They are small: it
+# is a bound, not a budget.
+_MOST = 512
 # Seconds after which a video whose page no longer asks how far it is, is not read on. A browser
 # lets the pages of hidden tabs ask once a minute.
 _PATIENCE = 150.0
@@ -134,7 +135,10 @@ class Uploads:
         with self._lock:
             upload = Upload(str(next(self._numbers)), file_name(name) or "clip", options.whole)
             self._uploads[upload.id] = upload
-            dropped = [self._uploads.pop(old) for old in list(self._uploads)[:-_MOST]]
+            forgotten = time.monotonic() - _PATIENCE
+            idle = [each.id for each in self._uploads.values() if each.asked < forgotten]
+            excess = max(len(self._uploads) - _MOST, 0)
+            dropped = [self._uploads.pop(old) for old in idle[:excess]]
         for old in dropped:
             old.cancel()
         upload.reading = self._workers.submit(self._read, path, upload, options)

@@ -28,8 +28,12 @@ def seen(tmp_path: Path) -> Path:
     return folder
 
 
-def press(folder: Path, *keys: str) -> tuple[int, str]:
-    """Run `review` on a terminal and type at each prompt; its exit code and standard output."""
+def press(folder: Path, *keys: str) -> tuple[int, str, str]:
+    """Run `review` on a terminal and type at each prompt.
+
+    Returns:
+        Its exit code, standard output, and what it wrote to standard error after the last key.
+    """
     terminal, stdin = os.openpty()
     words = [sys.executable, "-m", "actioncli", "review", str(folder)]
     with (folder.parent / "stdout").open("w+", encoding="utf-8") as stdout:
@@ -40,11 +44,11 @@ def press(folder: Path, *keys: str) -> tuple[int, str]:
                 while not asked.endswith((b"quit: ", b"action:")):
                     asked += run.stderr.read(1) or pytest.fail(f"ended before {key!r}: {asked!r}")
                 os.write(terminal, key.encode())
-            run.stderr.read()
+            told = run.stderr.read().decode()
         os.close(stdin)
         os.close(terminal)
         stdout.seek(0)
-        return run.returncode, stdout.read()
+        return run.returncode, stdout.read(), told
 
 
 def test_waiting_clips_are_listed(invoke: Invoke, seen: Path) -> None:
@@ -57,7 +61,7 @@ def test_waiting_clips_are_listed(invoke: Invoke, seen: Path) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_enrolled_as_told_and_as_a_negative_and_deleted(store: SupportStore, seen: Path) -> None:
-    code, said = press(seen, "e", "n", "d")
+    code, said, _ = press(seen, "e", "n", "d")
     assert code == 0
     assert "1 of 3: event, squat, confidence 0.60, tau 0.50, camera 0" in said
     assert "\u2594" in said
@@ -72,11 +76,19 @@ def test_enrolled_as_told_and_as_a_negative_and_deleted(store: SupportStore, see
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_skipped_renamed_and_left_at_quitting(store: SupportStore, seen: Path) -> None:
-    code, said = press(seen, "x", "s", "o", "deep squat\n", "q")
+    code, said, _ = press(seen, "x", "s", "o", "deep squat\n", "q")
     assert code == 0
     assert said.endswith("1 clip enrolled\n")
     assert [e.label for e in store.examples()] == ["deep squat"]
     assert sorted(file.name for file in seen.glob("*.npz")) == ["0001_squat.npz", "0003_bow.npz"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+def test_warned_as_enroll_does(store: SupportStore, seen: Path) -> None:
+    store.enroll("squat", read_clip(EXAMPLES / "squat/ben.npz"))
+    code, _, told = press(seen, "s", "s", "o", "knee bend\n")
+    assert code == 0
+    assert "warning: closest to `squat`" in told
 
 
 def test_nobody_to_ask_and_nothing_to_review(invoke: Invoke, seen: Path, tmp_path: Path) -> None:

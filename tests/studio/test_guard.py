@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+
 import pytest
 from cases import cases
 from hypothesis import given, settings
@@ -10,7 +14,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
-from .serving import Client
+from actioncli.studio import protocol
+
+from .serving import Client, until
 
 
 @pytest.mark.parametrize("path", ["/", "/static/studio.js", "/static/page.css"])
@@ -116,3 +122,52 @@ def test_nothing_else_is_taken_for_the_token(served: tuple[object, str], given_:
     client = Client(served[1])
     header = f"Bearer {given_}".encode().decode("latin-1").strip()
     assert client.answer("GET", "/api/state", headers={"Authorization": header})[0] in {400, 403}
+
+
+@pytest.fixture
+def many_files() -> Iterator[None]:
+    """Room for both ends of many connections in one process."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if 0 <= before[1] < 2048:
+        pytest.skip("needs 2,048 open files")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(before[0], 2048), before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+@pytest.mark.usefixtures("many_files")
+def test_who_connects_and_asks_nothing_keeps_nobody_out(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(protocol, "_FIRST_SECONDS", 600.0)
+    with ExitStack() as stack:
+        idle = [
+            stack.enter_context(socket.create_connection(("127.0.0.1", client.port), 30))
+            for _ in range(1100)
+        ]
+        assert client.answer("GET", "/api/state")[0] == 200
+        until(lambda: sum(map(is_open, idle)) <= protocol.MOST_IDLE)
+        # The newest stay: who asks at once is among them.
+        assert is_open(idle[-1])
+
+
+def test_a_first_request_has_to_come_soon_and_whole(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(protocol, "_FIRST_SECONDS", 0.3)
+    for begun in (b"", b"GET /api/state HTTP/1.1\r\nHost: "):
+        with socket.create_connection(("127.0.0.1", client.port), 30) as connection:
+            connection.sendall(begun)
+            until(lambda: not is_open(connection), 10)
+
+
+def is_open(connection: socket.socket) -> bool:
+    """Whether the other end has not closed it; nothing was sent to it."""
+    connection.setblocking(False)
+    try:
+        return bool(connection.recv(1))
+    except BlockingIOError:
+        return True
+    except ConnectionError:
+        return False

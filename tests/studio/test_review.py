@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
 from actioncli import SupportStore, read_clip
+from actioncli.clips.write import write_clip
 from actioncli.live.events import Event
 from actioncli.live.recorder import Recorder
 from actioncli.recognition.threshold import Threshold
@@ -65,6 +68,21 @@ def test_enrolled_made_a_negative_and_deleted(review: tuple[Review, Client], fol
     ]
     assert examples[2].note.startswith("camera 0 0.0 s to")
     assert len(list(folder.iterdir())) == 2
+
+
+def test_of_several_repetitions_one_is_enrolled(
+    review: tuple[Review, Client], folder: Path
+) -> None:
+    behind, client = review
+    once = read_clip(EXAMPLES / "squat/ada.npz")
+    file = folder / client.get("/api/waiting")["clips"][0]["file"]
+    write_clip(file, replace(once, joints=np.tile(once.joints, (5, 1, 1)), confidence=None))
+    asked = {"decision": "enroll", "label": "squat"}
+    status, answer = client.ask("POST", f"/api/waiting/{file.name}", asked)
+    assert status == 200
+    assert "one of about 5 repetitions" in answer["warnings"][0]
+    enrolled = behind.support.store.clip(behind.support.store.examples("squat")[-1].id)
+    assert 0.5 < enrolled.duration / once.duration < 1.5
 
 
 @pytest.mark.parametrize(

@@ -91,18 +91,31 @@ def test_what_waits_in_the_queue_goes_too(
     assert not any(copy.exists() for copy in copies)
 
 
-def test_the_oldest_goes_first(
+def test_the_oldest_goes_that_nobody_asks_for(
     uploads: Uploads, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_MOST", 2)
     sent = []
-    for n in range(3):
+    for n in range(4):
         file = tmp_path / f"{n}.npz"
         file.write_bytes(b"no clip")
+        if n == 3:
+            for left in sent[:2]:
+                left.asked -= 2 * module._PATIENCE
         sent.append(uploads.add(file, file.name, ReadOptions(cache=False)))
-    assert uploads.get(sent[2].id) is sent[2]
-    with pytest.raises(SupportError):
-        uploads.get(sent[0].id)
+    for dropped in sent[:2]:
+        with pytest.raises(SupportError):
+            uploads.get(dropped.id)
+    assert [uploads.get(each.id) for each in sent[2:]] == sent[2:]
+
+
+def test_of_a_hundred_sent_at_once_none_is_lost(uploads: Uploads, tmp_path: Path) -> None:
+    sent = []
+    for n in range(100):
+        file = Path(shutil.copy(EXAMPLES / "squat/ada.npz", tmp_path / f"{n}.npz"))
+        sent.append(uploads.add(file, file.name, ReadOptions(cache=False)))
+    until(lambda: all(uploads.get(each.id).reading.done() for each in sent), 120)
+    assert not any(each.error() for each in sent)
 
 
 def test_a_bug_is_told_and_not_hidden(
