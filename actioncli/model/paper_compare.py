@@ -40,15 +40,14 @@ def scores(
     Returns:
         T (Q, K), and the discriminator's logit (Q, K), whose sigmoid is the confidence.
     """
-    distance, logit = np.empty((2, len(queries), len(actions)), np.float32)
+    distance = np.empty((len(queries), len(actions)), np.float32)
+    features = []
     query_keys, query_values = trx_os.pairs(params, config, queries)
     for column, action in enumerate(actions):
         of_pairs = trx_os.pairs(params, config, action)
         keys, values = (each.reshape(-1, config.key_width) for each in of_pairs)
-        # One query at a time: its differences stay in the processor's cache.
-        for row in range(len(queries)):
-            weights = trx_os.attention(query_keys[row], keys)
-            difference = query_values[row] - trx_os.prototypes(weights, values)
-            distance[row, column] = trx_os.distance(difference)
-            logit[row, column] = trx_os.discriminator(params, difference)
-    return distance, logit
+        difference = query_values - trx_os.attention(query_keys, keys) @ values
+        distance[:, column] = trx_os.distance(difference)
+        features.append(trx_os.tuple_features(params, difference))
+    # The largest layer of Disc is read once for all.
+    return distance, trx_os.judge(params, np.stack(features, axis=1))

@@ -179,18 +179,21 @@ def distance(difference: Array) -> Array:
     return namespace(difference).mean(dot(difference, difference), axis=-1)
 
 
-def discriminator(params: Params, difference: Array) -> Array:
-    """Disc: whether a difference is one between two performances of the same action. Each pair's
-    difference is reduced to 16, all are flattened, then 256, 64, 1.
-
-    Args:
-        difference: (..., P, W).
-
-    Returns:
-        (...) logits; their sigmoid is the probability that query and action agree.
-    """
+def tuple_features(params: Params, difference: Array) -> Array:
+    """First layer of Disc: each pair's difference reduced, (..., P, W) → (..., P·16)."""
     x = relu(linear(params, "disc.tuple", difference))
-    x = namespace(x).reshape(x, (*x.shape[:-2], x.shape[-2] * x.shape[-1]))
+    return namespace(x).reshape(x, (*x.shape[:-2], x.shape[-2] * x.shape[-1]))
+
+
+def judge(params: Params, features: Array) -> Array:
+    """The layers of Disc above `tuple_features`: 256, 64, 1. (..., P·16) → (...) logits, whose
+    sigmoid is the probability that query and action agree."""
     for layer in ("disc.0", "disc.1"):
-        x = relu(linear(params, layer, x))
-    return linear(params, "disc.2", x)[..., 0]
+        features = relu(linear(params, layer, features))
+    return linear(params, "disc.2", features)[..., 0]
+
+
+def discriminator(params: Params, difference: Array) -> Array:
+    """Disc: whether a difference (..., P, W) is one between two performances of the same action,
+    as logits (...)."""
+    return judge(params, tuple_features(params, difference))
