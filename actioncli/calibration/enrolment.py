@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from actioncli.clips.checks import require_usable
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import mirrored
 from actioncli.clips.view import check_view, view_notes
@@ -73,14 +74,15 @@ def enrol(
 
     Raises:
         UsageError: the label is not allowed.
-        ClipError: a clip lacks joints that the model reads, is too large to keep, or shows of an
-            action little but what was not seen.
+        ClipError: a clip shows no action (see `checks.findings`), or of one little but what was
+            not seen, lacks joints that the model reads, or is too large to keep.
         StoreError: the store cannot be written.
     """
     label = NEGATIVES if negative else check_label(label)
     given = len(clips)
     if not negative:
         for clip in clips:
+            require_usable(clip)
             check_view(clip)
     clips = [*clips, *map(mirrored, clips)] if either_side else clips
     checksum, embeddings = "", list[FloatArray]()

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from actioncli.clips import axes
+from actioncli.clips.checks import not_places
 from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import fill_gaps, filled
 from actioncli.clips.persons import most_active
@@ -74,7 +75,15 @@ def read_clip(
     )
     # A signalling NaN is a gap like any other.
     with np.errstate(invalid="ignore"):
-        return _decide(stated, str(path), unit_is_certain=unit is not None)
+        try:
+            return _decide(stated, str(path), unit_is_certain=unit is not None)
+        except AmbiguousClipError as error:
+            # An option would not help where these are no places at all.
+            names, _ = _joint_names(stated, str(path))
+            for finding in not_places(stated.positions[:, 0], names):
+                if finding.forbids_enrolment:
+                    raise ClipError(f"{path}: {finding.text}.") from error
+            raise
 
 
 def find_clips(

@@ -118,6 +118,7 @@ def read_any(
         UsageError: an option that would change nothing, such as `fps` for a video.
         ClipError: see the two functions.
     """
+    from actioncli.clips.checks import noted
     from actioncli.clips.read import CLIP_SUFFIXES
     from actioncli.clips.read import read_clip as read_joints
 
@@ -136,14 +137,14 @@ def read_any(
             kind = "a video" if video else "a file of joints"
             raise UsageError(f"{path}: --{name} means nothing for {kind}.")
     if video:
-        return read_person(file, options, progress)
+        return noted(read_person(file, options, progress))
     if file.suffix.lower() not in CLIP_SUFFIXES and os.path.lexists(file):
         wrong = "is a folder and holds none" if file.is_dir() else "has a name of neither kind"
         raise ClipError(
             f"{file}: {wrong}; clips end in {', '.join(CLIP_SUFFIXES)}, videos in "
             f"{', '.join(sorted(VIDEO_SUFFIXES))}."
         )
-    return read_joints(file, options.layout, options.fps, options.unit, options.up)
+    return noted(read_joints(file, options.layout, options.fps, options.unit, options.up))
 
 
 def read_person(

@@ -1,0 +1,234 @@
+"""What a recording cannot be: places that are none, bodies that are no body's, pictures that stand.
+
+The limits come from about 12,000 recorded clips of sixteen collections, of which fewer than one
+in two hundred is found fault with by each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actioncli.clips.clip import Clip
+from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, FloatArray, default_columns, midpoints
+from actioncli.errors import ClipError
+
+# Thickness of the body, and the least way of a joint that moves, in torso lengths.
+_FLAT, _STILL = 0.015, 0.035
+_USUAL_TORSO = 0.5
+# Seconds over which places are averaged before motion is looked for: it takes noise away.
+_SMOOTHING = 0.3
+_SHORTEST = 0.2
+# Typical change of bones' lengths, and the share of their lengths that are half as long again.
+_ELASTIC, _STRETCHED = 0.2, 0.15
+# Metres a second of a typical joint, and of the fastest in a frame; the share of such frames.
+_TYPICAL_SPEED, _JUMP, _JUMPS = 5.0, 20.0, 0.1
+_SWAPS = 0.03
+_THROUGHOUT = 0.9
+# The cosine from which a line counts as upright, and below which it does not.
+_UPRIGHT, _LEVEL = 0.7, 0.6
+_NEEDED = "actioncli needs places in space (3D); give it the video, or the 3D output of the tool"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What is odd about a recording.
+
+    Attributes:
+        text: what was seen, in which share of the frames, and what to do; no full stop.
+        forbids_enrolment: whether nothing should be recognised by this recording.
+    """
+
+    text: str
+    forbids_enrolment: bool = False
+
+
+def findings(clip: Clip) -> list[Finding]:
+    """What is odd about a clip, the worst first; joints that were not seen are left out."""
+    body, names = _body(clip.joints, clip.joint_names)
+    found = [*not_places(clip.joints, clip.joint_names)]
+    if clip.confidence is not None and not clip.confidence.any():
+        text = "confidence is 0 for every joint in every frame, so nothing was seen; save it anew"
+        found.append(Finding(f"{text}, or without confidence", True))
+    if clip.duration < _SHORTEST:
+        text = f"lasts {clip.duration:.2g} s, which is no action"
+        found.append(Finding(f"{text}; record it whole, or state the frame rate (--fps)", True))
+    if not found and not moves(clip):
+        found.append(Finding("nobody moves in it; record the action, not a posture", True))
+    if len(names) == len(DEFAULT_JOINTS) and not any(each.forbids_enrolment for each in found):
+        found.extend(_motion(body, clip.fps))
+        found.extend(_posture(body))
+    return sorted(found, key=lambda each: not each.forbids_enrolment)
+
+
+def require_usable(clip: Clip) -> None:
+    """Refuse what nothing should be recognised by.
+
+    Raises:
+        ClipError: says what was seen, and what to do.
+    """
+    for finding in findings(clip):
+        if finding.forbids_enrolment:
+            raise ClipError(f"{clip.source or 'the clip'}: {finding.text}.")
+
+
+def noted(clip: Clip) -> Clip:
+    """The clip with what is odd about it among its notes."""
+    texts = [each.text for each in findings(clip) if each.text not in clip.notes]
+    if not texts:
+        return clip
+    return Clip(
+        clip.joints, clip.joint_names, clip.fps, clip.confidence, clip.source,
+        (*clip.notes, *texts), clip.start,
+    )  # fmt: skip
+
+
+def moves(clip: Clip) -> bool:
+    """Whether any joint goes anywhere: a still picture, or its noise, shows no action."""
+    body, names = _body(clip.joints, clip.joint_names)
+    places = np.concatenate([clip.joints, body], axis=1).astype(np.float64)
+    size = _torso(body, names) or _USUAL_TORSO
+    seen: NDArray[np.bool_] = np.isfinite(places[..., 0])
+    places = np.where(seen[..., None], places, 0)
+    width = min(max(1, round(_SMOOTHING * clip.fps)), len(places))
+
+    def windows(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        sums = np.concatenate([np.zeros_like(values[:1]), values.cumsum(axis=0)])
+        return sums[width:] - sums[:-width]
+
+    # Only windows in which a joint is seen throughout say where it was.
+    whole = windows(seen.astype(np.float64)) > width - 0.5
+    mean = np.where(whole[..., None], windows(places) / width, np.nan)
+    if len(mean) < 2:  # shorter than a window: from the first frame to the last
+        mean, whole = places, seen
+    kept = whole.any(axis=0)
+    way = np.nanmax(mean[:, kept], axis=0) - np.nanmin(mean[:, kept], axis=0)
+    return bool(way.size == 0 or np.linalg.norm(way, axis=1).max() > _STILL * size)
+
+
+def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:
+    """What shows that positions (T, J, 3), in any unit and axes, are not those of a body in space.
+
+    Yields:
+        One finding at most.
+    """
+    body, own = _body(joints, names)
+    size = _torso(body, own)
+    values = joints[np.isfinite(joints).all(axis=2)]
+    if size <= 0 or len(own) < 5 or not len(values):
+        return
+    there = np.isfinite(body)
+    centre = np.where(there, body, 0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)
+    about = (body - centre[:, None])[there.all(axis=2)].astype(np.float64) / size
+    thickness = float(np.sqrt(max(np.linalg.eigvalsh(np.cov(about.T))[0], 0)))
+    # Turning the axes may have changed signs.
+    within = (np.abs(values) <= 1).all(axis=0) & (
+        (values >= 0).all(axis=0) | (values <= 0).all(axis=0)
+    )
+    extreme = ((np.abs(values) >= 0.9) | (np.abs(values) <= 0.1)).mean(axis=0)
+    changes, stretched = _elasticity(body, own)
+    if thickness < _FLAT:
+        yield Finding(
+            f"has no depth: all joints lie in a plane in 100% of the frames; {_NEEDED}", True
+        )
+    elif (within & (extreme > 0.8)).any():
+        share = float(extreme[within].max())
+        text = (
+            f"one coordinate is a score or a visibility, between 0 and 1 ({share:.0%} near 0 or 1)"
+        )
+        yield Finding(f"{text}, and no place; {_NEEDED}", True)
+    elif within[:2].all():
+        text = "x and y are between 0 and 1 in 100% of the frames, as in a picture"
+        yield Finding(f"{text}; {_NEEDED}", True)
+    elif changes > _ELASTIC:
+        text = f"bones change their length by {changes:.0%} from frame to frame, as no body's do"
+        yield Finding(f"{text}: these may be angles, pixels or noise; {_NEEDED}", True)
+    elif stretched > _STRETCHED:
+        text = f"bones are half as long again, or half as long, in {stretched:.0%} of the frames"
+        yield Finding(f"{text}: joints were mistaken, or two people for one; record it again")
+
+
+def _motion(body: FloatArray, fps: float) -> Iterator[Finding]:
+    # The pelvis, or what is seen most.
+    root = int(np.isfinite(body[..., 0]).mean(axis=0).argmax())
+    centred = body - body[:, [root]]
+    speed = np.linalg.norm(np.diff(centred, axis=0), axis=2) * fps
+    seen = speed[np.isfinite(speed)]
+    if not seen.size:
+        return
+    typical, jumps = (
+        float(np.median(seen)),
+        float((np.nan_to_num(speed).max(axis=1) > _JUMP).mean()),
+    )
+    if typical > _TYPICAL_SPEED:
+        text = (
+            f"joints move at {typical:.0f} m/s: at {fps:g} frames a second nobody moves like this"
+        )
+        yield Finding(f"{text}; state the frame rate (--fps), or record it again", True)
+    elif jumps > _JUMPS:
+        text = f"joints jump (more than {_JUMP:.0f} m/s) in {jumps:.0%} of the frames"
+        yield Finding(f"{text}; record it again, or state the frame rate (--fps)", jumps > 0.5)
+    left = [at for at, name in enumerate(DEFAULT_JOINTS) if name[0] == "l"]
+    right = [at for at, name in enumerate(DEFAULT_JOINTS) if name[0] == "r"]
+    ways = [
+        sum(np.nan_to_num(np.linalg.norm(centred[1:, to] - centred[:-1, of], axis=2)).sum(axis=1)
+            for of, to in pairs)
+        for pairs in (((left, left), (right, right)), ((left, right), (right, left)))
+    ]  # fmt: skip
+    swapped = ways[1] < 0.5 * ways[0]
+    if swapped.sum() > 2 and swapped.mean() > _SWAPS:
+        text = f"left and right are swapped in {swapped.mean():.0%} of the frames"
+        yield Finding(f"{text}; record it again, facing the camera")
+
+
+def _posture(body: FloatArray) -> Iterator[Finding]:
+    at = {name: body[:, column] for column, name in enumerate(DEFAULT_JOINTS)}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        trunk, whole, across = (
+            line[:, 1] / np.linalg.norm(line, axis=1)
+            for line in (
+                at["neck"] - at["pelv"],
+                at["head"] - (at["lank"] + at["rank"]) / 2,
+                at["lhip"] - at["rhip"] + at["lsho"] - at["rsho"],
+            )
+        )
+    down = float(((whole < -_UPRIGHT) & (trunk < 0)).mean())
+    side = float(((np.abs(across) > _UPRIGHT) & (np.abs(trunk) < _LEVEL)).mean())
+    turn = "is the video rotated, or the up axis another (--up)?"
+    if down > _THROUGHOUT:
+        yield Finding(f"the head is below the feet in {down:.0%} of the frames; {turn}")
+    elif side > _THROUGHOUT:
+        yield Finding(f"the body lies on its side in {side:.0%} of the frames; {turn}")
+
+
+def _body(joints: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, list[str]]:
+    """The default joints (T, K, 3) that the names give, and which they are."""
+    columns = default_columns(names)
+    own = [name for name in DEFAULT_JOINTS if name in columns]
+    return midpoints(joints, [columns[name] for name in own]), own
+
+
+def _torso(body: FloatArray, names: list[str]) -> float:
+    """From pelvis to neck, in the unit of the joints; 0 where it is not seen."""
+    if "pelv" not in names or "neck" not in names:
+        return 0.0
+    lengths = np.linalg.norm(body[:, names.index("neck")] - body[:, names.index("pelv")], axis=1)
+    lengths = lengths[np.isfinite(lengths)]
+    return float(np.median(lengths)) if lengths.size else 0.0
+
+
+def _elasticity(body: FloatArray, names: list[str]) -> tuple[float, float]:
+    """How much bones typically change their length, and how often they are far from it."""
+    ends = [(names.index(a), names.index(b)) for a, b, _ in BONES if a in names and b in names]
+    lengths = np.linalg.norm(body[:, [a for a, _ in ends]] - body[:, [b for _, b in ends]], axis=2)
+    lengths = lengths[:, np.isfinite(lengths).any(axis=0)]
+    usual = np.nanmedian(lengths, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        change = np.abs(lengths / usual - 1)
+    change = change[:, usual > 0]
+    if not change.size:
+        return 0.0, 0.0
+    return float(np.median(np.nanmedian(change, axis=0))), float(np.nanmean(change > 0.5))
