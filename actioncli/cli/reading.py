@@ -79,6 +79,7 @@ def usable(
 ) -> Iterator[tuple[Path, Clip | dict[str, object]]]:
     """The clips that a recogniser can use; each other one is reported, and comes as its entry in
     JSON. As `examples` of an action they must show what moves."""
+    from actioncli.clips.checks import require_usable
     from actioncli.clips.view import check_view
 
     for path, clip in clips:
@@ -86,6 +87,7 @@ def usable(
             if isinstance(clip, ClipError):
                 raise clip
             if examples:
+                require_usable(clip)
                 check_view(clip)
             if recognizer is not None:
                 recognizer.embed([clip])

@@ -195,9 +195,11 @@ def _upright_shares(positions: FloatArray, names: tuple[str, ...]) -> dict[str, 
     columns = default_columns(names)
     low = [columns[joint] for joint in ("lank", "rank") if joint in columns]
     low = low or [columns["pelv"]] if "pelv" in columns else low
-    if "head" not in columns or not low:
+    # A body without a head stands as its neck does.
+    high = columns.get("head", columns.get("neck"))
+    if high is None or not low:
         return {}
-    ends = midpoints(positions, [columns["head"], *low])
+    ends = midpoints(positions, [high, *low])
     line = ends[:, 0] - ends[:, 1:].sum(axis=1) / len(low)
     length = np.sqrt((line * line).sum(axis=1, keepdims=True))
     cosine = line / np.where(length > 0, length, 1)

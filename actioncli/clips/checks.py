@@ -16,9 +16,10 @@ from actioncli.clips.clip import Clip
 from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, FloatArray, default_columns, midpoints
 from actioncli.errors import ClipError
 
-# Thickness of the body, and the least way of a joint that moves, in torso lengths.
-_FLAT, _STILL = 0.015, 0.035
-_USUAL_TORSO = 0.5
+# Thickness of the body, and the least way of a joint that moves, in torso lengths; pose networks,
+# which tell their confidence, see joints move by up to 0.071 in a still picture with noise.
+_FLAT, _STILL, _STILL_PICTURE = 0.015, 0.04, 0.08
+_USUAL_TORSO, _WIDE = 0.5, 1.2
 # Seconds over which places are averaged before motion is looked for: it takes noise away.
 _SMOOTHING = 0.3
 _SHORTEST = 0.2
@@ -105,8 +106,10 @@ def moves(clip: Clip) -> bool:
     if len(mean) < 2:  # shorter than a window: from the first frame to the last
         mean, whole = places, seen
     kept = whole.any(axis=0)
-    way = np.nanmax(mean[:, kept], axis=0) - np.nanmin(mean[:, kept], axis=0)
-    return bool(way.size == 0 or np.linalg.norm(way, axis=1).max() > _STILL * size)
+    # Where a joint is for most of the time: single frames are noise.
+    low, high = np.nanpercentile(mean[:, kept], (10, 90), axis=0)
+    least = _STILL if clip.confidence is None else _STILL_PICTURE
+    return not kept.any() or bool(np.linalg.norm(high - low, axis=1).max() > least * size)
 
 
 def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:
@@ -134,6 +137,9 @@ def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:
         yield Finding(
             f"has no depth: all joints lie in a plane in 100% of the frames; {_NEEDED}", True
         )
+    elif thickness > _WIDE:
+        text = "the joints lie too far from each other for a body: these may be angles"
+        yield Finding(f"{text}; {_NEEDED}", True)
     elif (within & (extreme > 0.8)).any():
         share = float(extreme[within].max())
         text = (

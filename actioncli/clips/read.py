@@ -21,7 +21,7 @@ from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import fill_gaps, filled
 from actioncli.clips.persons import most_active
 from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_JOINTS, Recording
-from actioncli.clips.skeleton import LAYOUTS
+from actioncli.clips.skeleton import LAYOUTS, default_columns
 from actioncli.errors import AmbiguousClipError, ClipError, UsageError
 
 # Suffix to the module of `actioncli.clips.formats` that reads it.
@@ -30,6 +30,17 @@ _FORMATS = {
     ".trc": "trc", ".bvh": "bvh",
 }  # fmt: skip
 CLIP_SUFFIXES = tuple(_FORMATS)
+# Formats that are not read, and what makes a file of them that is.
+CONVERTERS = {
+    ".fbx": "save it as .bvh with Blender (File, Export, Motion Capture) or Autodesk FBX Converter",
+    ".mot": "it holds angles; OpenSim's Point Kinematics or Analyze tool gives positions: save "
+    "them, or the markers, as .trc",
+    ".c3d": "save its markers as .trc with Mokka, or with ezc3d and numpy.savez (joints, "
+    "joint_names, fps, unit)",
+    ".pkl": "pickles may run any program and are never loaded; save the array joints3d by "
+    "numpy.savez",
+}
+CONVERTERS[".sto"] = CONVERTERS[".mot"]
 # How the content begins where that settles the format.
 _BEGINNINGS = {
     b"\x93NUMPY": "npy",
@@ -158,6 +169,8 @@ def _read(file: Path) -> Recording:
 
     suffix = file.suffix.lower()
     beginning = check_file(file, CLIP_SUFFIXES)
+    if suffix in CONVERTERS:
+        raise ClipError(f"{file}: {suffix} is not read; {CONVERTERS[suffix]}.")
     if suffix not in _FORMATS:
         raise ClipError(
             f"{file}: {suffix or 'no suffix'} is not a clip format; supported: "
@@ -191,6 +204,7 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
         raise ClipError(f"{where}: a clip needs at least 2 frames, this has {frames}.")
     names, notes = _joint_names(recording, where)
     recording = most_active(replace(recording, notes=recording.notes + notes), where)
+    recording, names = _with_head(recording, names)
     decided = list(recording.notes)
     fps = recording.fps
     if fps is None:
@@ -224,6 +238,24 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
             )
     canonical = axes.to_canonical(positions, metres, up)
     return Clip(canonical, names, fps, confidence, source=where, notes=decided)
+
+
+def _with_head(recording: Recording, names: tuple[str, ...]) -> tuple[Recording, tuple[str, ...]]:
+    """A body without a head has one that was not seen."""
+    columns = default_columns(names)
+    if "head" in columns or not {"pelv", "neck", "lwri", "rwri"} <= columns.keys():
+        return recording, names
+    positions = recording.positions
+    confidence = recording.confidence
+    if confidence is None:
+        confidence = np.ones(positions.shape[:3], np.float32)
+    unseen = np.full_like(positions[:, :, :1], np.nan)
+    return replace(
+        recording,
+        positions=np.concatenate([positions, unseen], axis=2),
+        confidence=np.concatenate([confidence, np.zeros_like(unseen[..., 0])], axis=2),
+        notes=(*recording.notes, "has no head, which counts as not seen"),
+    ), (*names, "head")
 
 
 def _joint_names(recording: Recording, where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:

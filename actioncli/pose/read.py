@@ -119,7 +119,7 @@ def read_any(
         ClipError: see the two functions.
     """
     from actioncli.clips.checks import noted
-    from actioncli.clips.read import CLIP_SUFFIXES
+    from actioncli.clips.read import CLIP_SUFFIXES, CONVERTERS
     from actioncli.clips.read import read_clip as read_joints
 
     options = options or ReadOptions()
@@ -138,7 +138,8 @@ def read_any(
             raise UsageError(f"{path}: --{name} means nothing for {kind}.")
     if video:
         return noted(read_person(file, options, progress))
-    if file.suffix.lower() not in CLIP_SUFFIXES and os.path.lexists(file):
+    converted = file.suffix.lower() in CONVERTERS
+    if file.suffix.lower() not in CLIP_SUFFIXES and not converted and os.path.lexists(file):
         wrong = "is a folder and holds none" if file.is_dir() else "has a name of neither kind"
         raise ClipError(
             f"{file}: {wrong}; clips end in {', '.join(CLIP_SUFFIXES)}, videos in "

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from actioncli import SupportStore, read_clip
+from actioncli.clips.skeleton import LAYOUTS, default_columns
 
 from .conftest import EXAMPLES, Ask, Invoke, Run
 
@@ -73,7 +74,10 @@ def test_nothing_usable_leaves_no_store_behind(invoke: Invoke, home: Path, tmp_p
 def test_ambiguous_clips_name_the_option_that_helps(invoke: Invoke, tmp_path: Path) -> None:
     file = tmp_path / "clip.npy"
     # 17 joints: two layouts have that many.
-    np.save(file, np.random.default_rng(0).normal(size=(20, 17, 3)))
+    clip = read_clip(EXAMPLES / "squat/ada.npz")
+    columns = default_columns(clip.joint_names)
+    joints = [list(columns.get(name, columns["neck"])) for name in LAYOUTS["h36m_17"]]
+    np.save(file, np.stack([clip.joints[:20, each].mean(axis=1) for each in joints], axis=1))
     result = invoke("enroll", "wave", file)
     assert result.exit_code == 3
     assert "--layout" in result.stderr

@@ -22,6 +22,7 @@ from actioncli.clips.clip import FloatArray
 from actioncli.clips.formats.files import Numbers, frame_rate, text_lines
 from actioncli.clips.persons import activity
 from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.clips.skeleton import default_columns
 from actioncli.errors import ClipError
 
 _CHANNELS = {f"{axis}{kind}" for axis in "xyz" for kind in ("position", "rotation")}
@@ -41,11 +42,15 @@ class _Joint:
 @dataclass(slots=True)
 class _Skeleton:
     joints: list[_Joint] = field(default_factory=list)
+    # Offsets of the end sites, by the joints that they belong to.
+    ends: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     columns: int = 0
 
 
 def read(file: Path) -> Recording:
-    """Joint positions (T, 1, J, 3) of the (most active) figure; end sites are left out.
+    """Joint positions (T, 1, J, 3) of the (most active) figure.
+
+    End sites are left out, but for that of the neck where no joint is the head.
 
     Raises:
         ClipError: it is damaged.
@@ -129,6 +134,7 @@ def _hierarchy(lines: Iterator[tuple[int, str]], file: Path) -> _Skeleton:
             if word == "motion":
                 if stack or not skeleton.joints or not skeleton.columns:
                     raise ClipError(f"{file}: line {at}: motion before a complete skeleton.")
+                _add_head(skeleton)
                 return skeleton
             if word in ("root", "joint"):
                 if (word == "root") != (not stack):
@@ -156,7 +162,9 @@ def _hierarchy(lines: Iterator[tuple[int, str]], file: Path) -> _Skeleton:
                     raise ClipError(f"{file}: line {at}: a bracket too many.")
             elif word == "offset":
                 offset = _three(words, file, at)
-                if stack and not in_end_site:
+                if stack and in_end_site:
+                    skeleton.ends[stack[-1]] = offset
+                elif stack:
                     skeleton.joints[stack[-1]].offset = offset
                 words = words[3:]
             elif word == "channels" and stack and not in_end_site:
@@ -164,6 +172,16 @@ def _hierarchy(lines: Iterator[tuple[int, str]], file: Path) -> _Skeleton:
             else:
                 raise ClipError(f"{file}: line {at}: {word[:30]!r} is not understood.")
     raise ClipError(f"{file}: is cut off: its skeleton has no end, or no line MOTION follows.")
+
+
+def _add_head(skeleton: _Skeleton) -> None:
+    """Where no joint is the head, the end of the neck is."""
+    names = [joint.name for joint in skeleton.joints]
+    necks = [at for at in skeleton.ends if "neck" in names[at].lower()]
+    roots = sum(joint.parent < 0 for joint in skeleton.joints)
+    if len(necks) == 1 and roots == 1 and "head" not in default_columns(names):
+        prefix = names[necks[0]][: names[necks[0]].lower().rindex("neck")]
+        skeleton.joints.append(_Joint(f"{prefix}Head", necks[0], skeleton.ends[necks[0]]))
 
 
 def _channels(skeleton: _Skeleton, joint: int, words: list[str], file: Path, at: int) -> list[str]:

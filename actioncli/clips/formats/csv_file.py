@@ -30,6 +30,8 @@ _PERSON = re.compile(r"(?i)(?:person|body|subject|track|people)(?:[\s_]*(?:id|in
 _CONFIDENCE = re.compile(
     r"(?i)(?P<joint>.+?)[\s_.:\-/|]+(?:v|vis|visibility|c|conf|confidence|score|likelihood)"
 )
+_JOINT = re.compile(r"(?i)(?:joint|landmark|marker|keypoint|body[\s_]*part|bone)(?:[\s_]*name)?")
+_FRAME = re.compile(r"(?i)(?:frame|index)(?:[\s_]*(?:number|nr|no|id|index))?|#?frame")
 _COUNTED = re.compile(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*\d+")
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _MOST_PEOPLE = 64
@@ -85,13 +87,16 @@ def read(file: Path) -> Recording:
 
     The columns are separated by comma, semicolon (with decimal commas too) or tab. A column
     `time` gives the frame rate, one of `person` separates several people, `lsho_visibility`
-    and the like give the confidence. Empty cells are gaps.
+    and the like give the confidence. Empty cells are gaps. A table whose columns are frame,
+    joint, x, y and z has a row for each joint in each frame.
 
     Raises:
         ClipError: no header names joints, or a row does not fit it.
     """
     lines = _rows(file)
     header = next(lines, (0, []))[1]
+    if (long := _long_columns(header)) is not None:
+        return _read_long(lines, long, file)
     columns = _Columns(header, file)
     picked = [column for axes in columns.joints.values() for _, column in sorted(axes.items())]
     seen = [columns.confidence.get(name) for name in columns.joints]
@@ -122,6 +127,45 @@ def read(file: Path) -> Recording:
         unit=columns.unit,
         confidence=np.clip(np.nan_to_num(confidence), 0, 1) if confidence.size else None,
     )
+
+
+def _long_columns(header: list[str]) -> dict[str, int] | None:
+    """The columns of frame, joint, x, y and z where each row is one joint in one frame."""
+    found: dict[str, int] = {}
+    for column, title in enumerate(cell.strip() for cell in header):
+        kinds = {"joint": _JOINT, "frame": _FRAME, "time": _TIME}
+        kind = next((kind for kind, style in kinds.items() if style.fullmatch(title)), None)
+        found.setdefault(kind or title.lower(), column)
+    found.setdefault("frame", found.get("time", -1))
+    return found if {"joint", *"xyz"} <= found.keys() and found["frame"] >= 0 else None
+
+
+def _read_long(
+    lines: Iterator[tuple[int, list[str]]], columns: dict[str, int], file: Path
+) -> Recording:
+    """A table of a row a joint; joints that a frame lacks are missing in it."""
+    frames: dict[str, int] = {}
+    joints: dict[str, int] = {}
+    owners: list[tuple[int, int]] = []
+    times: dict[int, float] = {}
+    places = Numbers(file, 3, LARGEST_CLIP)
+    for line, row in lines:
+        if len(row) <= max(columns.values()):
+            raise ClipError(f"{file}: line {line} has {len(row)} columns, fewer than its header.")
+        frame = frames.setdefault(row[columns["frame"]].strip(), len(frames))
+        joint = joints.setdefault(row[columns["joint"]].strip()[:100], len(joints))
+        if len(joints) > MOST_JOINTS:
+            raise ClipError(f"{file}: names more than {MOST_JOINTS} joints.")
+        places.parse([row[columns[axis]] for axis in "xyz"], line)
+        owners.append((frame, joint))
+        if "time" in columns and frame not in times:
+            (times[frame],) = parsed([row[columns["time"]]], file, line)
+    if len(frames) < 2 or len(frames) * len(joints) * 3 > LARGEST_CLIP:
+        raise ClipError(f"{file}: holds {len(frames)} frames of {len(joints)} joints.")
+    positions = np.full((len(frames), 1, len(joints), 3), np.nan, np.float32)
+    at, joint_at = np.array(owners).T
+    positions[at, 0, joint_at] = places.table()
+    return Recording(positions, joint_names=tuple(joints), fps=_rate([*times.values()], 1.0))
 
 
 def _rows(file: Path) -> Iterator[tuple[int, list[str]]]:

@@ -15,18 +15,27 @@ from actioncli.errors import ClipError
 
 # Where positions are looked for, best first; MeTRAbs calls them poses3d, a nameless array of
 # numpy.savez is arr_0.
-POSITIONS = ("poses3d", "joints", "arr_0")
+POSITIONS = ("poses3d", "joints", "joints3d", "arr_0")
+NOT_3D = (
+    "holds positions in a picture (2D), and recognition needs them in space (3D): give actioncli "
+    "the video itself."
+)
 METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
+# Values a frame of MediaPipe's pose landmarks (x, y, z, visibility each), alone and followed by
+# those of face and hands.
+_POSE = 33 * 4
+_LANDMARKS = (_POSE, _POSE + 3 * (468 + 2 * 21))
 T = TypeVar("T")
 
 
-def from_fields(fields: Mapping[str, NDArray[Any]], where: str) -> Recording:
+def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = True) -> Recording:
     """A recording from positions and what may stand beside them.
 
     Args:
         fields: `poses3d` or `joints`; optional `joint_names` (J,), `fps`, `layout`, `unit`,
             `up`, `confidence` (T, J) or (T, P, J).
         where: the file, for messages.
+        named: whether the fields have names in the file.
 
     Raises:
         ClipError: positions are absent, or a field has the wrong type or shape.
@@ -34,7 +43,12 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str) -> Recording:
     key = next((key for key in POSITIONS if key in fields), None)
     if key is None:
         raise ClipError(f"{where}: holds {listed(fields)}; a clip needs poses3d or joints.")
-    positions = to_people(np.asarray(fields[key]), f"{where} ({key})")
+    values = np.asarray(fields[key])
+    if values.ndim == 2 and values.shape[1] in _LANDMARKS and values.dtype.kind in "iuf":
+        points = values[:, :_POSE].reshape(len(values), 33, 4)
+        seen = {"confidence": points[..., 3]} if "confidence" not in fields else {}
+        return from_fields({**fields, key: points[..., :3], **seen}, where)
+    positions = to_people(values, f"{where} ({key})" if named else where)
 
     def one(key: str, kinds: str, what: str, convert: Callable[[Any], T]) -> T | None:
         if key not in fields:
@@ -79,6 +93,11 @@ def to_people(values: NDArray[Any], where: str) -> FloatArray:
         hint = ""
         if 2 in given[-1:]:
             hint = " Positions in the image (2D) are not enough."
+        elif len(given) == 5 and given[1] == 3:
+            hint = (
+                " This is the order of NTU RGB+D arrays (clips, coordinates, frames, joints, "
+                "people); one clip is: numpy.save('clip.npy', a[0].transpose(1, 3, 2, 0))"
+            )
         elif 4 in given[-1:]:
             hint = " Save x, y and z alone, a fourth number as `confidence` (.npz, .json)."
         raise ClipError(

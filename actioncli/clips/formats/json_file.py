@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.formats.fields import METADATA, POSITIONS, from_fields, listed
-from actioncli.clips.formats.files import MEGABYTE, check_size
+from actioncli.clips.formats.fields import METADATA, NOT_3D, POSITIONS, from_fields, listed
+from actioncli.clips.formats.files import MEGABYTE, check_size, frame_rate
 from actioncli.clips.recording import LARGEST_CLIP, Recording
 from actioncli.errors import ClipError
 
@@ -28,7 +29,9 @@ def read(file: Path) -> Recording:
     Positions stand under `poses3d` or `joints`, or are the whole file, as nested lists in one
     of the shapes of `fields.to_people`; with a varying number of people per frame too. They
     may also be a list of frames (or stand under `frames`), each with `poses3d` or `joints`, or
-    each a mapping of joint names to [x, y, z] or {"x":, "y":, "z":}. null is a missing number.
+    each a mapping of joint names to [x, y, z] or {"x":, "y":, "z":}, as it is or under
+    `keypoints`; or hold MediaPipe's `world_landmarks` or `landmarks`; or be those of Azure
+    Kinect's offline processor, with `bodies`. null is a missing number.
 
     Raises:
         ClipError: it is not JSON, or holds something else.
@@ -36,6 +39,9 @@ def read(file: Path) -> Recording:
     content = _load(file)
     fields: dict[str, Any] = {}
     poses = content
+    one = content[0] if isinstance(content, list) and content else content
+    if isinstance(one, dict) and (_mark_of_2d(one) or _of_coco(one)):
+        raise ClipError(f"{file}: {NOT_3D}")
     if isinstance(content, dict):
         key = next((key for key in (*POSITIONS, "frames") if key in content), None)
         if key is None:
@@ -46,9 +52,19 @@ def read(file: Path) -> Recording:
         raise ClipError(f"{file}: positions must be a list of frames.")
     frames: list[Any] = poses
     if all(isinstance(frame, dict) for frame in frames):
-        frames, names = _from_mappings(frames, file)
-        if names is not None:
-            fields.setdefault("joint_names", names)
+        if any(map(_mark_of_2d, frames)):
+            raise ClipError(f"{file}: {NOT_3D}")
+        rate = _rate(frames)
+        if rate is not None:
+            fields.setdefault("fps", rate)
+        tool = next((tool for key, tool in _TOOLS.items() if key in frames[0]), None)
+        if tool is not None:
+            frames, stated = tool(frames)
+            fields = stated | fields
+        else:
+            frames, names = _from_mappings(frames, file)
+            if names is not None:
+                fields.setdefault("joint_names", names)
     positions = _nested(frames, file)
     arrays = {name: _as_array(name, value, file) for name, value in fields.items()}
     return from_fields({POSITIONS[0]: positions, **arrays}, str(file))
@@ -78,10 +94,70 @@ def _load(file: Path) -> Any:
         raise ClipError(f"{file}: is not JSON: {error}.") from error
 
 
+def _mark_of_2d(frame: dict[str, Any]) -> bool:
+    """Whether a frame is one of OpenPose, AlphaPose or another tool that gives no depth."""
+    points = frame.get("keypoints")
+    people = frame.get("people")
+    return (
+        "pose_keypoints_2d" in frame
+        or (
+            isinstance(people, list) and any(isinstance(p, dict) and _mark_of_2d(p) for p in people)
+        )
+        # [x, y, score] of 17 to 136 joints in one row, and YOLO's lists of each coordinate.
+        or (isinstance(points, list) and "category_id" in frame)
+        or (isinstance(points, dict) and {"x", "y"} <= points.keys() and "z" not in points)
+    )
+
+
+def _of_coco(content: dict[str, Any]) -> bool:
+    notes = content.get("annotations")
+    return isinstance(notes, list) and bool(notes) and "images" in content
+
+
+def _rate(frames: list[dict[str, Any]]) -> float | None:
+    """Frames a second from the times that frames state."""
+    for key, unit in (("timestamp_usec", 1e-6), ("timestamp_ms", 1e-3)):
+        times = [frame.get(key) for frame in frames]
+        if len(times) > 1 and all(isinstance(time, int | float) for time in times):
+            return frame_rate(float(np.median(np.diff(np.array(times, float)))) * unit)
+    return None
+
+
+def _from_landmarks(frames: list[dict[str, Any]]) -> tuple[list[Any], dict[str, Any]]:
+    """MediaPipe's lists of 33 points with a visibility each; those of the world come first."""
+    key = next(key for key in _LANDMARKS if key in frames[0])
+    lists = [frame.get(key) for frame in frames]
+    # The tasks API lists people.
+    lists = [one[0] if one and isinstance(one[0], list) else one for one in lists]
+    count = max(len(one) for one in lists if one)
+    bodies = [one if one and len(one) == count else [{}] * count for one in lists]
+    seen = [[_given(point, "visibility", 1.0) for point in one] for one in bodies]
+    places = [[[_given(point, axis, None) for axis in "xyz"] for point in one] for one in bodies]
+    return places, {"confidence": seen}
+
+
+def _given(point: Any, key: str, otherwise: float | None) -> Any:
+    return point.get(key, otherwise) if isinstance(point, dict) else otherwise
+
+
+def _from_bodies(frames: list[dict[str, Any]]) -> tuple[list[Any], dict[str, Any]]:
+    """Frames of Azure Kinect's offline processor: millimetres, y down."""
+    people = [[body.get("joint_positions") for body in frame["bodies"]] for frame in frames]
+    return people, {"unit": "mm", "up": "-y"}
+
+
+_LANDMARKS = ("world_landmarks", "pose_world_landmarks", "landmarks", "pose_landmarks")
+# What a frame of a tool holds, best first, to what reads it.
+_TOOLS: dict[str, Callable[[list[dict[str, Any]]], tuple[list[Any], dict[str, Any]]]] = {
+    **dict.fromkeys(_LANDMARKS, _from_landmarks),
+    "bodies": _from_bodies,
+}
+
+
 def _from_mappings(frames: list[dict[str, Any]], file: Path) -> tuple[list[Any], list[str] | None]:
     """Frames given as mappings to nested lists, and the joint names where they are the keys."""
     first = frames[0]
-    key = next((key for key in POSITIONS if key in first), None)
+    key = next((key for key in (*POSITIONS, "keypoints") if key in first), None)
     if key is not None:
         inner = [frame.get(key) for frame in frames]
         if not all(isinstance(frame, dict) for frame in inner):

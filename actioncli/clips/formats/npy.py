@@ -16,7 +16,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.formats.fields import to_people
+from actioncli.clips.formats.fields import from_fields
 from actioncli.clips.formats.files import MEGABYTE
 from actioncli.clips.recording import Recording
 from actioncli.errors import ClipError
@@ -57,7 +57,8 @@ def read(file: Path) -> Recording:
                 f"{header.nbytes} bytes, {left} are there."
             )
         stream.seek(here)
-        return Recording(to_people(read_array(stream, header, str(file)), str(file)))
+        array = read_array(stream, header, str(file))
+        return from_fields({"joints": array}, str(file), named=False)
 
 
 def read_header(stream: IO[bytes], where: str) -> ArrayHeader:

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actioncli.clips.checks import findings, moves, noted, require_usable
+from actioncli.clips.clip import Clip
+from actioncli.clips.read import read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS
+from actioncli.errors import ClipError
+
+from .bodies import waving
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "examples").rglob("*.npz"))
+Change = Callable[[np.ndarray], np.ndarray]
+RNG = np.random.default_rng(0)
+
+
+def example() -> Clip:
+    return read_clip(ROOT / "examples" / "squat" / "ada.npz")
+
+
+def changed(change: Change, fps: float | None = None) -> Clip:
+    clip = example()
+    return Clip(change(clip.joints.copy()), clip.joint_names, fps or clip.fps, source="a.npz")
+
+
+def exchanged(joints: np.ndarray) -> np.ndarray:
+    names = example().joint_names
+    mirror = [names.index({"l": "r", "r": "l"}.get(n[0], "") + n[1:])
+              if {"l": "r", "r": "l"}.get(n[0], "") + n[1:] in names else at
+              for at, n in enumerate(names)]  # fmt: skip
+    joints[::4] = joints[::4][:, mirror]
+    return joints
+
+
+def about(
+    joints: np.ndarray, signs: tuple[int, int, int], order: tuple[int, int, int]
+) -> np.ndarray:
+    middle = joints.mean(axis=(0, 1))
+    return (joints - middle)[..., order] * np.array(signs) + middle
+
+
+def with_score(joints: np.ndarray) -> np.ndarray:
+    joints[..., 2] = RNG.choice([0.01, 0.95, 0.99], joints.shape[:2])
+    return joints
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: f"{file.parent.name}-{file.stem}")
+def test_recorded_actions_are_what_they_are(file: Path) -> None:
+    clip = read_clip(file)
+    assert findings(clip) == []
+    assert moves(clip)
+    assert noted(clip) is clip
+
+
+@pytest.mark.parametrize(
+    ("change", "text", "forbids"),
+    [
+        (lambda p: p * [1, 1, 0], "no depth", True),
+        (with_score, "a score or a visibility", True),
+        (lambda p: p * 0.2 + [0.5, 0.5, 3], "as in a picture", True),
+        (lambda p: RNG.normal(0, 0.5, p.shape), "bones change their length by", True),
+        (lambda p: p[:4], "lasts 0.1 s", True),
+        (lambda p: p[:1] + RNG.normal(0, 0.003, p.shape), "nobody moves", True),
+        (lambda p: about(p, (-1, -1, 1), (0, 1, 2)), "head is below the feet in 100%", False),
+        (lambda p: about(p, (-1, 1, 1), (1, 0, 2)), "lies on its side in 100%", False),
+        (exchanged, "left and right are swapped in", False),
+    ],
+)
+def test_what_a_recording_cannot_be(change: Change, text: str, forbids: bool) -> None:
+    clip = changed(change)
+    found = findings(clip)
+    assert [each.forbids_enrolment for each in found if text in each.text] == [forbids]
+    assert noted(clip).notes == tuple(each.text for each in found)
+    assert noted(noted(clip)).notes == noted(clip).notes
+    if forbids:
+        with pytest.raises(ClipError, match=rf"a\.npz: .*{text}"):
+            require_usable(clip)
+    else:
+        require_usable(clip)
+
+
+def test_frame_rates_at_which_nobody_moves_so() -> None:
+    clip = changed(lambda p: p, fps=3000)
+    assert any("m/s: at 3000 frames a second" in each.text for each in findings(clip)) or any(
+        "lasts" in each.text for each in findings(clip)
+    )
+    with pytest.raises(ClipError):
+        require_usable(clip)
+
+
+def test_confidence_of_nothing() -> None:
+    clip = example()
+    nothing = Clip(clip.joints, clip.joint_names, clip.fps, np.zeros(clip.joints.shape[:2]))
+    assert "confidence is 0 for every joint" in findings(nothing)[0].text
+
+
+def test_a_still_picture_does_not_move_however_long() -> None:
+    for frames in (8, 60, 600):
+        joints = np.repeat(waving()[:1], frames, axis=0)
+        joints += RNG.normal(0, 0.004, joints.shape)
+        assert not moves(Clip(joints, DEFAULT_JOINTS))
+    assert moves(Clip(waving(), DEFAULT_JOINTS))
+
+
+def test_what_was_not_seen_is_no_fault() -> None:
+    clip = example()
+    joints, confidence = clip.joints.copy(), np.ones(clip.joints.shape[:2], np.float32)
+    legs = [at for at, name in enumerate(clip.joint_names) if name[1:] in ("kne", "ank", "hip")]
+    joints[:, legs], confidence[:, legs] = np.nan, 0
+    unseen = Clip(joints, clip.joint_names, clip.fps, confidence)
+    assert [each for each in findings(unseen) if each.forbids_enrolment] == []
+    assert moves(unseen)
+
+
+# What each case is answered by: part of a note, of an error, or "" for nothing to say.
+ANSWERS = {
+    "guessed_legs/bow_ben.npz": "",
+    "json_of_tools/azure_kinect.json": "",
+    "json_of_tools/frames_keypoints_by_name.json": "",
+    "json_of_tools/long_table.csv": "",
+    "json_of_tools/mediapipe_world_landmarks.json": "",
+    "json_of_tools/openpose_frame.json": "give actioncli the video",
+    "no_head/head_is_end_site.bvh": "",
+    "no_head/opencap.trc": "has no head, which counts as not seen",
+    "not_3d/angles_in_degrees.csv": "these may be angles",
+    "not_3d/image_landmarks_near.npy": "has no depth",
+    "not_3d/image_x_y_visibility.npy": "a score or a visibility",
+    "not_3d/noise.npy": "bones change their length",
+    "not_3d/pixels_and_score.npy": "has no depth",
+    "not_3d/sports2d_flat.trc": "has no depth",
+    "two_people/squat_and_jacks_0.8_random.npz": "two people",
+    "upside_down/wave_on_its_head.npz": "is the video rotated",
+    "upside_down/wave_sideways.npz": "is the video rotated",
+    "wrong/confidence_nan.npz": "confidence is 0",
+    "wrong/confidence_zero.npz": "confidence is 0",
+    "wrong/flat2d.npz": "has no depth",
+    "wrong/legs_nan.npz": "not seen: lkne in 100%",
+    "wrong/legs_zero.npz": "not seen: lkne in 100%",
+}
+
+
+def answer(file: Path) -> tuple[str, ...]:
+    """The notes on a clip, or the error."""
+    try:
+        return noted(read_clip(file)).notes
+    except ClipError as error:
+        return (str(error),)
+
+
+@pytest.mark.parametrize("case", ANSWERS)
+def test_cases(shared: Path, case: str) -> None:
+    file = shared / "cases" / case
+    if ANSWERS[case]:
+        assert ANSWERS[case] in "; ".join(answer(file))
+    else:
+        assert findings(read_clip(file)) == []
