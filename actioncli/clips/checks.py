@@ -98,7 +98,7 @@ def moves(clip: Clip) -> bool:
 
     def windows(values: NDArray[np.float64]) -> NDArray[np.float64]:
         sums = np.concatenate([np.zeros_like(values[:1]), values.cumsum(axis=0)])
-        return sums[width:] - sums[:-width]
+        return np.asarray(sums[width:] - sums[:-width])
 
     # Only windows in which a joint is seen throughout say where it was.
     whole = windows(seen.astype(np.float64)) > width - 0.5
@@ -128,9 +128,8 @@ def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:
     about = (body - centre[:, None])[there.all(axis=2)].astype(np.float64) / size
     thickness = float(np.sqrt(max(np.linalg.eigvalsh(np.cov(about.T))[0], 0)))
     # Turning the axes may have changed signs.
-    within = (np.abs(values) <= 1).all(axis=0) & (
-        (values >= 0).all(axis=0) | (values <= 0).all(axis=0)
-    )
+    low: NDArray[np.bool_] = np.all((values >= 0) & (values <= 1), axis=0)
+    within: NDArray[np.bool_] = low | np.all((values <= 0) & (values >= -1), axis=0)
     extreme = ((np.abs(values) >= 0.9) | (np.abs(values) <= 0.1)).mean(axis=0)
     changes, stretched = _elasticity(body, own)
     if thickness < _FLAT:
