@@ -78,7 +78,7 @@ def _parts(explanation: Explanation) -> str:
     largest = max((abs(part) for part in explanation.parts.values()), default=0) or 1.0
     rows = "".join(
         f'<tr><th scope="row">{escape(name)}</th><td class="bar"><div>'
-        f'<span class="{"less" if part >= 0 else "more"}" '
+        f'<span class="{"more" if part >= 0 else "less"}" '
         f'style="width:{100 * abs(part) / largest:.1f}%"></span></div></td>'
         f"<td>{_signed(part)}</td></tr>"
         for name, part in explanation.parts.items()
@@ -86,7 +86,7 @@ def _parts(explanation: Explanation) -> str:
     return (
         '<figure><h3>By body part</h3><table class="bars"><tbody>'
         f"{rows}</tbody></table><figcaption>What each part adds to the score. Hatched: it speaks "
-        "for the action; plain: against it.</figcaption></figure>"
+        "against the action.</figcaption></figure>"
     )
 
 
