@@ -13,7 +13,7 @@ import numpy as np
 from actioncli.clips.checks import require_usable
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import mirrored
-from actioncli.clips.view import check_view, view_notes
+from actioncli.clips.view import view_notes
 from actioncli.errors import StoreError, UsageError
 from actioncli.recognition.decision import Decision, compared
 from actioncli.recognition.recognizer import Recognizer
@@ -83,7 +83,6 @@ def enrol(
     if not negative:
         for clip in clips:
             require_usable(clip)
-            check_view(clip)
     clips = [*clips, *map(mirrored, clips)] if either_side else clips
     checksum, embeddings = "", list[FloatArray]()
     warnings: list[tuple[str, ...]] = [()] * len(clips)

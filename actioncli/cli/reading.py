@@ -80,7 +80,6 @@ def usable(
     """The clips that a recogniser can use; each other one is reported, and comes as its entry in
     JSON. As `examples` of an action they must show what moves."""
     from actioncli.clips.checks import require_usable
-    from actioncli.clips.view import check_view
 
     for path, clip in clips:
         try:
@@ -88,7 +87,6 @@ def usable(
                 raise clip
             if examples:
                 require_usable(clip)
-                check_view(clip)
             if recognizer is not None:
                 recognizer.embed([clip])
         except ClipError as error:

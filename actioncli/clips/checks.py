@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.skeleton import BONES, DEFAULT_JOINTS, FloatArray, default_columns, midpoints
+from actioncli.clips.view import check_view
 from actioncli.errors import ClipError
 
 # Thickness of the body, and the least way of a joint that moves, in torso lengths; pose networks,
@@ -69,11 +70,12 @@ def require_usable(clip: Clip) -> None:
     """Refuse what nothing should be recognised by.
 
     Raises:
-        ClipError: says what was seen, and what to do.
+        ClipError: says what was seen, or that what moves was not seen, and what to do.
     """
     for finding in findings(clip):
         if finding.forbids_enrolment:
             raise ClipError(f"{clip.source or 'the clip'}: {finding.text}.")
+    check_view(clip)
 
 
 def noted(clip: Clip) -> Clip:
@@ -107,7 +109,10 @@ def moves(clip: Clip) -> bool:
         mean, whole = places, seen
     kept = whole.any(axis=0)
     # Where a joint is for most of the time: single frames are noise.
-    low, high = np.nanpercentile(mean[:, kept], (10, 90), axis=0)
+    means = mean[:, kept]
+    # numpy walks through every column by itself where NaN are to be left out.
+    percentile = np.nanpercentile if np.isnan(means).any() else np.percentile
+    low, high = percentile(means, (10, 90), axis=0)
     least = _STILL if clip.confidence is None else _STILL_PICTURE
     return not kept.any() or bool(np.linalg.norm(high - low, axis=1).max() > least * size)
 

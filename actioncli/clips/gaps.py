@@ -126,9 +126,9 @@ def fill_gaps(
             confidence = np.ones(missing.shape, np.float32)
         if confidence is not None:
             confidence = np.where(missing, np.float32(0), confidence)
-        filled = missing & ~lost
-        if filled.any():
-            notes.append(f"gaps filled: {filled.mean():.1%} of the joint positions")
+        short = missing & ~lost
+        if short.any():
+            notes.append(f"gaps filled: {short.mean():.1%} of the joint positions")
         if lost.any():
             shares = zip(names, lost.mean(axis=0).tolist(), strict=True)
             named = [f"{name} in {share:.0%}" for name, share in shares if share]

@@ -22,6 +22,7 @@ from actioncli.clips.skeleton import LIMBS, default_columns
 from actioncli.errors import ClipError
 from actioncli.evaluation.baselines import Dtw
 from actioncli.evaluation.splits import Splits
+from actioncli.evaluation.task import measured
 from actioncli.recognition.recognizer import Recognizer
 
 if TYPE_CHECKING:
@@ -105,16 +106,9 @@ def changed(
     """
     found: dict[str, list[tuple[float, int]]] = {}
     for collection in collections:
-        labels, people = set(collection.labels), set(collection.subjects)
-        if splits is not None:
-            labels = set(splits.names(collection.name, "benchmark", collection.labels))
-            people = set(splits.names(collection.name, "people", collection.subjects)) or people
         rng = np.random.default_rng(seed)
-        rows = [
-            row
-            for row in rng.permutation(len(collection)).tolist()
-            if collection.labels[row] in labels and collection.subjects[row] in people
-        ][:clips]
+        kept = set(measured(collection, splits)[0])
+        rows = [row for row in rng.permutation(len(collection)).tolist() if row in kept][:clips]
         for kind, confidence in _asked(recognizer, collection, rows, rng).items():
             if len(confidence):
                 share = float((confidence > tau).mean())

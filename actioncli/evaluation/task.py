@@ -88,18 +88,9 @@ class Task:
             ClipError: no such class, or performers that do not suit the protocol.
             UsageError: the splits do not fit the collection.
         """
-        wanted, people = set(collection.labels), set(collection.subjects)
-        if splits is not None:
-            wanted = set(splits.names(collection.name, "benchmark", collection.labels))
-            people = set(splits.names(collection.name, "people", collection.subjects)) or people
-        classes = tuple(sorted(wanted))
+        kept, classes = measured(collection, splits)
         if not classes:
             raise ClipError(f"{collection.name}: the splits keep none of its classes for this.")
-        kept = [
-            clip
-            for clip, of in enumerate(zip(collection.labels, collection.subjects, strict=True))
-            if of[0] in wanted and of[1] in people
-        ]
         sampler = Sampler(
             collection.name,
             [collection.labels[clip] for clip in kept],
@@ -120,6 +111,22 @@ class Task:
             parts.append(scorer.embed(clips))
             step(f"{self.name}: embedding", len(clips))
         return np.concatenate(parts)
+
+
+def measured(collection: Collection, splits: Splits | None) -> tuple[list[int], tuple[str, ...]]:
+    """The clips that show a benchmark class by people who are measured, and these classes in
+    alphabetical order; all of them without splits.
+
+    Raises:
+        UsageError: the splits do not fit the collection.
+    """
+    wanted, people = set(collection.labels), set(collection.subjects)
+    if splits is not None:
+        wanted = set(splits.names(collection.name, "benchmark", collection.labels))
+        people = set(splits.names(collection.name, "people", collection.subjects)) or people
+    of_clips = zip(collection.labels, collection.subjects, strict=True)
+    kept = [n for n, (label, who) in enumerate(of_clips) if label in wanted and who in people]
+    return kept, tuple(sorted(wanted))
 
 
 T = TypeVar("T")
