@@ -33,7 +33,8 @@ def evaluate(
     collections: Annotated[
         list[Path],
         typer.Argument(
-            metavar="COLLECTION...", help="Collections (.npz), or folders label/clip.*."
+            metavar="COLLECTION...",
+            help="Collections (.npz), or folders label/clip.* of joints or videos.",
         ),
     ],
     ways: Annotated[
@@ -237,10 +238,13 @@ def _write_document(file: Path, document: Mapping[str, object]) -> None:
 
 def _read(settings: Settings, paths: Sequence[Path]) -> list[Collection]:
     from actioncli.clips.collection import read_collection
+    from actioncli.clips.read import CLIP_SUFFIXES
+    from actioncli.pose import VIDEO_SUFFIXES
+    from actioncli.pose.read import read_any
 
     read = []
     for path in progress(paths, "Reading", shown=not settings.quiet):
-        read.append(read_collection(path))
+        read.append(read_collection(path, read_any, (*CLIP_SUFFIXES, *VIDEO_SUFFIXES)))
         tell_notes(settings, path, read[-1].notes)
     return read
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import BoolArray, fill_gaps, missing_joints
-from actioncli.clips.read import find_clips, read_clip
+from actioncli.clips.read import CLIP_SUFFIXES, find_clips, read_clip
 from actioncli.clips.skeleton import default_columns
 from actioncli.errors import ClipError
 
@@ -72,7 +72,11 @@ class Collection:
         return len(self.clips)
 
 
-def read_collection(path: str | os.PathLike[str]) -> Collection:
+def read_collection(
+    path: str | os.PathLike[str],
+    read: Callable[[Path], Clip] = read_clip,
+    suffixes: Sequence[str] = CLIP_SUFFIXES,
+) -> Collection:
     """Read a collection.
 
     Args:
@@ -83,25 +87,27 @@ def read_collection(path: str | os.PathLike[str]) -> Collection:
             seconds in which it is done once, and `repetitions` (N,), how often it is done: the
             one before and the one after then are clips too. Or a folder with a folder of clips
             for each label.
+        read: reads a clip of a folder.
+        suffixes: of the files that are clips.
 
     Raises:
         ClipError: it cannot be read, is damaged, or holds no clip.
     """
     place = Path(path)
-    return _from_folder(place) if place.is_dir() else _from_archive(place)
+    return _from_folder(place, read, suffixes) if place.is_dir() else _from_archive(place)
 
 
-def _from_folder(folder: Path) -> Collection:
+def _from_folder(folder: Path, read: Callable[[Path], Clip], suffixes: Sequence[str]) -> Collection:
     labels, clips, subjects = [], [], []
     try:
         actions = sorted(entry for entry in folder.iterdir() if entry.is_dir())
     except OSError as error:
         raise ClipError(f"{folder}: cannot be read: {error.strerror or error}.") from error
     for action in actions:
-        for file in find_clips([action]):
+        for file in find_clips([action], suffixes):
             if file == action:
                 continue
-            clips.append(read_clip(file))
+            clips.append(read(file))
             labels.append(action.name)
             subject = _SUBJECT.search(file.stem)
             subjects.append(subject[0] if subject else "")
