@@ -1,34 +1,62 @@
-"""Performed actions in a stream of poses: sliding windows, and hysteresis over their scores."""
+"""Performed actions in a stream of poses: sliding windows, and the best of those that overlap.
+
+The evidence for an action is the log odds of its windows, averaged over neighbouring lengths and
+the last looks: a performance is seen by several of them, a chance match by one. Who looks at a
+stream again and again has many chances of a false match, so its odds count `ODDS` times less than
+those of a clip. What remains the best for `_UNBEATEN` seconds is an event, its bounds are those of
+the motion in its window, and the next one begins where it ended: every repetition is an event.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import math
+from collections import deque
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from actioncli.clips.clip import Clip
+from actioncli.clips.active import active_part
+from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.edit import cut
 from actioncli.errors import ClipError
 from actioncli.recognition.support import SupportSet
-from actioncli.recognition.windows import window_lengths
+from actioncli.recognition.windows import FASTER, SLOWER, window_lengths
 
 # Seconds between looks at the stream.
-STRIDE = 0.25
+STRIDE = 0.2
+# Fitted by `tools/measure_live.py` on classes that the model had not seen.
+ODDS = 4.0
 # Seconds of the longest window: the stream is not kept for longer.
 _LONGEST = 8.0
-# An event begins after so many looks above tau in a row, and ends after so many below what holds.
-_LOOKS_TO_BEGIN, _LOOKS_TO_END = 2, 3
-# A confidence above this share of tau keeps an event going.
-_HOLDS = 0.8
+_UNBEATEN = 0.4
+# Looks back are averaged over this share of a window's length; its neighbours count a quarter.
+_LOOKS_BACK, _NEIGHBOURS = 0.2, 0.25
+# How much of a window may lie before the end of the last event.
+_OVERLAP = 0.25
+# Log odds of a window that cannot be compared.
+_NEVER = -12.0
+# Events of one action follow each other in a set where the rest between them is no longer than
+# the last one, or than this many seconds.
+_REST = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One performed action: its label, when (seconds), and the highest confidence reached."""
+    """One performed action.
+
+    Attributes:
+        label: which.
+        start, end: seconds of the stream.
+        confidence: the highest that was reached.
+        repetitions: how often in a row it was done, this one included.
+    """
 
     label: str
     start: float
     end: float
     confidence: float
+    repetitions: int = 1
 
     def to_json(self) -> dict[str, object]:
         """As plain values."""
@@ -49,29 +77,30 @@ class EventDetector:
 
     Attributes:
         windows: lengths of the windows, seconds.
-        ranking: what the last look said, surest first.
+        ranking: what the last look said of each action, surest first.
+        current: the match that becomes an event if nothing beats it.
     """
 
     ranking: tuple[Candidate, ...] = ()
-    _event: Event | None = None
-    # Looks above tau in a row, all at one action.
-    _rising: tuple[Candidate, ...] = ()
-    _quiet = 0
-    _last_end = 0.0
+    current: Event | None = None
+    # When the current match was the best, and the last event.
+    _matched = 0.0
+    _last: Event | None = None
 
     def __init__(self, support: SupportSet) -> None:
         """Prepare; a window that is nearest to a negative shows no action."""
         self._recognizer, self._threshold = support.recognizer, support.threshold
-        self._actions = frozenset(support.actions)
         # Each negative competes like an action, under a name that no label can have.
         negatives = {f"\n{n}": one[np.newaxis] for n, one in enumerate(support.negatives)}
         self._support = {**support.actions, **negatives}
         self.windows = window_lengths(support.durations.values(), _LONGEST)
-
-    @property
-    def current(self) -> Event | None:
-        """The event that is going on."""
-        return self._event
+        # An action is looked for in windows of about its length: how far each is from it.
+        usual = np.array([support.durations[label] for label in support.actions])
+        lengths = np.array(self.windows)[:, None]
+        usual = usual.clip(lengths[0] / FASTER, lengths[-1] / SLOWER)
+        self._fits = (lengths > 0.99 * FASTER * usual) & (lengths < 1.01 * SLOWER * usual)
+        self._back = [max(1, round(_LOOKS_BACK * seconds / STRIDE)) for seconds in self.windows]
+        self._looks: deque[FloatArray] = deque(maxlen=max(self._back))
 
     def update(self, clip: Clip | None, now: float) -> list[Event]:
         """Look at the stream as it is now.
@@ -82,64 +111,89 @@ class EventDetector:
         Returns:
             Events that are over.
         """
-        self.ranking = self._candidates(clip, now) if clip is not None else ()
-        best = self.ranking[0] if self.ranking else None
-        if best is not None and best.confidence > self._threshold.of(best.label):
-            same = self._rising and self._rising[-1].label == best.label
-            self._rising = (*self._rising, best) if same else (best,)
-        else:
-            self._rising = ()
-        begins = best if len(self._rising) >= _LOOKS_TO_BEGIN else None
-        done = self._carry_on(self._event, begins, now) if self._event is not None else []
-        if self._event is None and begins is not None:
-            start = max(min(seen.start for seen in self._rising), self._last_end)
-            sure = max(seen.confidence for seen in self._rising)
-            self._event, self._quiet = Event(begins.label, start, now, sure), 0
-        return done
+        return self.take(self.look(clip), clip, now)
+
+    def look(self, clip: Clip | None) -> FloatArray:
+        """Compare what the stream shows.
+
+        Returns:
+            (windows, actions and negatives) log odds, at least `_NEVER`.
+        """
+        odds = np.full((len(self.windows), len(self._support)), _NEVER, np.float32)
+        parts, rows = [], []
+        for row, seconds in enumerate(self.windows):
+            if clip is None or seconds > clip.duration + 0.5 / clip.fps:  # as are all that follow
+                break
+            with contextlib.suppress(ClipError):  # no motion at all in this window
+                parts.append(cut(clip, clip.duration - seconds, clip.duration))
+                rows.append(row)
+        if parts:
+            sure = self._recognizer.compare(parts, self._support).confidence
+            odds[rows] = np.log(sure.clip(1e-6)) - np.log1p(-sure.clip(None, 1 - 1e-6))
+        return odds.clip(_NEVER)
+
+    def take(self, odds: FloatArray, clip: Clip | None, now: float) -> list[Event]:
+        """What `look` said of `clip` at `now`, see `update`."""
+        self._looks.append(odds)
+        candidates = self._candidates(now)
+        best: dict[str, Candidate] = {}
+        for seen in candidates:
+            best.setdefault(seen.label, seen)
+        self.ranking = tuple(best.values())
+        since = self._last.end if self._last is not None else -math.inf
+        over = []
+        for seen in candidates:
+            if seen.confidence <= self._threshold.of(seen.label):
+                continue
+            room = _OVERLAP * (now - seen.start)
+            if seen.start < since - room or clip is None:
+                continue
+            match = self.current
+            if match is None or seen.start >= match.end - room:
+                over += self._tell()
+            elif seen.confidence <= match.confidence:
+                continue
+            self.current, self._matched = self._bounded(seen, clip, now), now
+            break
+        if self.current is not None and now - self._matched > _UNBEATEN - STRIDE / 2:
+            over += self._tell()
+        return over
 
     def finish(self) -> list[Event]:
-        """The event that the end of the stream cuts off, if there is one."""
-        return self._close() if self._event is not None else []
+        """The match that the end of the stream cuts off, if there is one."""
+        return self._tell()
 
-    def _carry_on(self, event: Event, begins: Candidate | None, now: float) -> list[Event]:
-        held = [seen for seen in self.ranking if seen.label == event.label]
-        challenged = begins is not None and begins.label != event.label
-        holds = _HOLDS * self._threshold.of(event.label)
-        if held and held[0].confidence > holds and not challenged:
-            sure = max(event.confidence, held[0].confidence)
-            self._event, self._quiet = replace(event, end=now, confidence=sure), 0
+    def _tell(self) -> list[Event]:
+        event, self.current = self.current, None
+        if event is None:
             return []
-        self._quiet += 1
-        return self._close() if challenged or self._quiet >= _LOOKS_TO_END else []
-
-    def _close(self) -> list[Event]:
-        assert self._event is not None
-        event, self._event = self._event, None
-        self._last_end = event.end
+        last = self._last
+        if last is not None and last.label == event.label:
+            rest = event.start - last.end
+            if rest <= max(_REST, last.end - last.start):
+                event = replace(event, repetitions=last.repetitions + 1)
+        self._last = event
         return [event]
 
-    def _candidates(self, clip: Clip, now: float) -> tuple[Candidate, ...]:
-        """The best window of each action that is a window's nearest."""
-        parts = []
-        for seconds in self.windows:
-            frames = round(seconds * clip.fps) + 1
-            if frames > len(clip):  # as are all that follow
-                break
-            try:
-                part = Clip(clip.joints[-frames:], clip.joint_names, clip.fps)
-            except ClipError:  # no motion at all in this window
-                continue
-            parts.append((seconds, part))
-        if not parts:
-            return ()
-        comparison = self._recognizer.compare([part for _, part in parts], self._support)
-        best: dict[str, Candidate] = {}
-        for row, (seconds, _) in enumerate(parts):
-            nearest = int(comparison.distance[row].argmin())
-            label = str(comparison.labels[nearest])
-            sure = float(comparison.confidence[row, nearest])
-            if label not in self._actions:
-                continue
-            if label not in best or sure > best[label].confidence:
-                best[label] = Candidate(label, sure, now - seconds)
-        return tuple(sorted(best.values(), key=lambda seen: -seen.confidence))
+    def _candidates(self, now: float) -> list[Candidate]:
+        """Windows whose nearest is an action that they fit, surest first."""
+        looks = np.array(self._looks)
+        mean = np.stack([looks[-back:, row].mean(axis=0) for row, back in enumerate(self._back)])
+        beside = np.stack(
+            [mean[max(row - 1, 0) : row + 2].mean(axis=0) for row in range(len(mean))]
+        )
+        odds = mean + _NEIGHBOURS * (beside - mean) - math.log(ODDS)
+        labels, found = list(self._support), []
+        for row, nearest in enumerate(odds.argmax(axis=1).tolist()):
+            fits = nearest < self._fits.shape[1] and self._fits[row, nearest]
+            if fits and looks[-1, row, nearest] > _NEVER:
+                sure = 1 / (1 + math.exp(-float(odds[row, nearest])))
+                found.append(Candidate(labels[nearest], sure, now - self.windows[row]))
+        return sorted(found, key=lambda seen: -seen.confidence)
+
+    @staticmethod
+    def _bounded(seen: Candidate, clip: Clip, now: float) -> Event:
+        """A match from when to when the person moves in its window."""
+        begin = clip.duration - (now - seen.start)
+        start, end = active_part(cut(clip, begin, clip.duration))
+        return Event(seen.label, seen.start + start, seen.start + end, seen.confidence)

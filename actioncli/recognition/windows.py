@@ -28,7 +28,7 @@ CHANCES = 0.3
 
 # Windows are this much shorter and longer than the enrolled examples, so that fast and slow
 # performances match; each is at most so many times as long as the one before.
-_FASTER, _SLOWER, _GROWTH = 0.7, 1.4, 1.45
+FASTER, SLOWER, _GROWTH = 0.7, 1.4, 1.45
 _SHORTEST = 0.8
 # From frame to frame of a window; fewer show no action, however slowly frames came.
 _FEWEST_STEPS = 3
@@ -46,8 +46,8 @@ def mean_durations(examples: Iterable[tuple[str, float]]) -> dict[str, float]:
 def window_lengths(durations: Iterable[float], longest: float = inf) -> tuple[float, ...]:
     """Lengths of windows, seconds, for actions of these durations."""
     clipped = np.clip(list(durations), _SHORTEST, longest)
-    low = max(_FASTER * float(clipped.min()), _SHORTEST)
-    high = min(_SLOWER * float(clipped.max()), longest)
+    low = max(FASTER * float(clipped.min()), _SHORTEST)
+    high = min(SLOWER * float(clipped.max()), longest)
     count = max(1, int(np.ceil(np.log(high / low) / np.log(_GROWTH))))
     return tuple(np.geomspace(low, high, count + 1).tolist())
 
