@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,8 +18,6 @@ from actioncli.cli.output import note, printable, say
 from actioncli.files import json_text
 
 if TYPE_CHECKING:
-    from rich.live import Live
-
     from actioncli.live.events import Event, EventDetector
     from actioncli.live.watching import Stream
 
@@ -74,20 +71,26 @@ def watch(
     from actioncli.live.watching import watch as events_of
     from actioncli.recognition.recognizer import Recognizer
 
-    run = CommandRunner(execute, _note) if execute is not None else None
+    view = _Screen() if sys.stderr.isatty() and not settings.quiet else _Plain()
+    run = CommandRunner(execute, view.note, view.show) if execute is not None else None
+
+    def tell(line: str) -> None:
+        if not settings.quiet:
+            view.note(f"note: {source}: {line}")
+
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = load_support(settings, store, recognizer, tau)
     recorder = Recorder(record, support.threshold, source) if record is not None else None
     try:
-        with _view(settings) as view:
+        with view:
             for event in events_of(
                 source,
                 support,
                 quality=quality or DEFAULT_QUALITY,
                 recorder=recorder,
-                on_frame=view.show,
-                note=lambda line: settings.tell(f"note: {printable(source)}: {line}"),
+                on_frame=view.draw,
+                note=tell,
             ):
                 view.say(_line(settings, event))
                 if run is not None:
@@ -95,10 +98,6 @@ def watch(
     finally:
         if run is not None:
             run.wait()
-
-
-def _note(line: str) -> None:
-    note(printable(line))
 
 
 def _line(settings: Settings, event: Event) -> str:
@@ -110,26 +109,61 @@ def _line(settings: Settings, event: Event) -> str:
     )
 
 
-class _Nothing:
-    """Where nobody looks, or standard error is a file."""
+class _Plain:
+    """Where nobody looks, or standard error is a file: lines, one after another.
 
-    def show(self, *_: Any) -> None:
-        """Nothing."""
+    Attributes:
+        show: hears each line that a command of the user's writes; None lets it write itself.
+    """
+
+    show: Callable[[str], None] | None = None
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+
+    def draw(self, now: float, stream: Stream, detector: EventDetector) -> None:
+        """A frame: nothing."""
 
     def say(self, line: str) -> None:
         """An event, to standard output."""
         say(line)
 
+    def note(self, line: str) -> None:
+        """What a person should know, to standard error."""
+        note(printable(line))
 
-class _Screen(_Nothing):
-    """Frame rate, time left, whether the body is in view, and the ranking, on standard error."""
 
-    def __init__(self, live: Live) -> None:
-        self._live = live
+class _Screen(_Plain):
+    """Frame rate, time left, whether the body is in view, and the ranking, on standard error.
+
+    What else goes to the same terminal would be drawn over: the view itself puts it above.
+    """
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._live = Live(
+            console=Console(stderr=True),
+            refresh_per_second=8,
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
         self._times: list[float] = []
+        self.show = self.note
 
-    def show(self, now: float, stream: Stream, detector: EventDetector) -> None:
-        """Draw; rich limits how often that reaches the terminal."""
+    def __enter__(self) -> None:
+        self._live.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def draw(self, now: float, stream: Stream, detector: EventDetector) -> None:
+        """A frame; rich limits how often that reaches the terminal."""
         from rich.text import Text
 
         self._times = [*self._times[-30:], time.monotonic()]
@@ -146,25 +180,15 @@ class _Screen(_Nothing):
         self._live.update(Text("\n".join(lines)))
 
     def say(self, line: str) -> None:
-        """An event. On a terminal that shows both streams, what goes past the view is drawn over by
-        it: the view itself puts the line above."""
+        """An event, to standard output where that is not the same terminal."""
         if sys.stdout.isatty() and os.ttyname(1) == os.ttyname(2):
-            self._live.console.print(
-                line, markup=False, emoji=False, highlight=False, soft_wrap=True
-            )
+            self._above(line)
         else:
             say(line)
 
+    def note(self, line: str) -> None:
+        """What a person should know."""
+        self._above(printable(line))
 
-@contextlib.contextmanager
-def _view(settings: Settings) -> Iterator[_Screen | _Nothing]:
-    if settings.quiet or not sys.stderr.isatty():
-        yield _Nothing()
-        return
-    from rich.console import Console
-    from rich.live import Live
-
-    with Live(
-        console=Console(stderr=True), refresh_per_second=8, transient=True, redirect_stdout=False
-    ) as live:
-        yield _Screen(live)
+    def _above(self, line: str) -> None:
+        self._live.console.print(line, markup=False, emoji=False, highlight=False, soft_wrap=True)

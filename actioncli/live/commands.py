@@ -7,9 +7,11 @@ import os
 import shlex
 import shutil
 import subprocess
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import IO
 
 from actioncli.errors import UsageError
 from actioncli.live.events import Event
@@ -21,12 +23,20 @@ _LAST_SECONDS = 5.0
 
 @dataclass
 class CommandRunner:
-    """Runs the user's command for events, and never a shell."""
+    """Runs the user's command for events, and never a shell.
+
+    Attributes:
+        line: the command.
+        note: hears what a person should know.
+        show: hears each line that a command writes; None lets it write to standard error itself.
+    """
 
     line: str
     note: Callable[[str], None]
+    show: Callable[[str], None] | None = None
     words: list[str] = field(init=False)
     running: list[subprocess.Popen[bytes]] = field(default_factory=list)
+    _reading: list[threading.Thread] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         try:
@@ -38,6 +48,7 @@ class CommandRunner:
 
     def __call__(self, event: Event) -> None:
         self.running = [process for process in self.running if process.poll() is None]
+        self._reading = [thread for thread in self._reading if thread.is_alive()]
         if len(self.running) >= _MOST_RUNNING:
             self.note(f"note: {_MOST_RUNNING} commands still run; not run again.")
             return
@@ -49,14 +60,26 @@ class CommandRunner:
         }
         # Its output goes to standard error: standard output belongs to the events.
         environment = {**os.environ, **event_variables}
+        output = (2, None) if self.show is None else (subprocess.PIPE, subprocess.STDOUT)
+        nothing = subprocess.DEVNULL
         try:
             running = subprocess.Popen(
-                self.words, env=environment, stdin=subprocess.DEVNULL, stdout=2
+                self.words, env=environment, stdin=nothing, stdout=output[0], stderr=output[1]
             )
         except OSError as error:  # such as a script whose first line names no program
             self.note(f"error: --exec {self.line}: cannot be run: {error.strerror}.")
         else:
             self.running.append(running)
+            if running.stdout is not None:
+                thread = threading.Thread(target=self._read, args=(running.stdout,), daemon=True)
+                thread.start()
+                self._reading.append(thread)
+
+    def _read(self, output: IO[bytes]) -> None:
+        assert self.show is not None
+        with output:
+            for line in output:
+                self.show(line.decode(errors="replace").rstrip())
 
     def wait(self) -> None:
         """Give commands that still run a little time; they are not ended."""
@@ -64,3 +87,5 @@ class CommandRunner:
         for process in self.running:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(max(deadline - time.monotonic(), 0))
+        for thread in self._reading:
+            thread.join(max(deadline - time.monotonic(), 0))

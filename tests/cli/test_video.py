@@ -258,6 +258,14 @@ def on_terminal(waving: Path, *more: str, **streams: int) -> tuple[bytes, int]:
     return shown, watching.returncode
 
 
+def screen_lines(shown: bytes) -> list[str]:
+    """What is left on the screen."""
+    pyte = pytest.importorskip("pyte", reason="needs the extra dev")
+    screen = pyte.Screen(100, 40)
+    pyte.ByteStream(screen).feed(shown)
+    return [line.strip() for line in screen.display if line.strip()]
+
+
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) -> None:
     store.enroll("squat", cut(read_clip(EXAMPLES / "squat" / "ada.npz"), 0.5, 1.5))
@@ -271,16 +279,23 @@ def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Path) -> None:
     """Both streams go to one terminal, as they do for who just types the command."""
-    pyte = pytest.importorskip("pyte", reason="needs the extra dev")
     store.enroll(":wave:", read_clip(waving, start=0.2, end=1.5))
-    shown, code = on_terminal(waving, "--tau", "0")
+    moved = shlex.join([sys.executable, "-c", "print('moved')"])
+    shown, code = on_terminal(waving, "--tau", "0", "--exec", moved)
     assert code == 0
-    screen = pyte.Screen(100, 40)
-    pyte.ByteStream(screen).feed(shown)
-    left = [line.strip() for line in screen.display if line.strip()]
     event = r"\d+\.\d s  to +\d+\.\d s  :wave:  \(confidence [01]\.\d\d\)"
-    assert re.fullmatch(event, left[0]), left
-    assert not any("frames/s" in line for line in left)  # the view is gone
+    first, *rest = screen_lines(shown)
+    assert re.fullmatch(event, first), first
+    assert rest == ["moved"]  # and the view is gone
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
+def test_a_person_at_a_terminal_sees_the_notes(filled: SupportStore, tmp_path: Path) -> None:
+    grey = write_video(tmp_path / "a.mp4", [np.full((64, 64, 3), 128, np.uint8)] * 40, 10)
+    shown, code = on_terminal(grey)
+    assert code == 0
+    [seen] = re.findall(r"note: .*", "".join(screen_lines(shown)))
+    assert seen.replace(" ", "").endswith("a.mp4:nobodywasseeninanyof40frames")  # over two lines
 
 
 class Paced:
