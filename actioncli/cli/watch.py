@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
@@ -15,7 +16,9 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
 from actioncli.cli.options import QualityOption, TauOption, WeightsOption
 from actioncli.cli.output import note, printable, say
+from actioncli.errors import UsageError
 from actioncli.files import json_text
+from actioncli.pose import RETRY_SECONDS
 
 if TYPE_CHECKING:
     from actioncli.live.events import Event, EventDetector
@@ -25,7 +28,14 @@ if TYPE_CHECKING:
 @command
 def watch(
     settings: Settings,
-    source: Annotated[str, typer.Argument(metavar="CAMERA|VIDEO|URL", help="What to watch.")] = "0",
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A camera's number or device (/dev/video0), a video, or the address of a stream "
+            "or a video.",
+        ),
+    ] = "0",
     tau: TauOption = None,
     execute: Annotated[
         str | None,
@@ -44,6 +54,14 @@ def watch(
             show_default=False,
         ),
     ] = None,
+    retry: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0,
+            help="How long a camera or a stream that breaks is opened again, with growing pauses.",
+        ),
+    ] = RETRY_SECONDS,
     quality: QualityOption = None,
     weights: WeightsOption = None,
 ) -> None:
@@ -51,13 +69,15 @@ def watch(
 
     Windows of several lengths slide over the poses of one person; one performance is one event,
     told when it is over. A camera's frames that come too late are dropped. A video gives the same
-    events every time. Ctrl-C ends watching. With --json, every event is a document on a line of
-    its own.
+    events every time, from an address too. A camera or a stream that breaks is told, and opened
+    again; where it stays away, watching ends with exit code 3. Ctrl-C ends it. With --json, every
+    event is a document on a line of its own.
 
     \b
     Examples:
       actioncli watch
       actioncli watch training.mp4 --json
+      actioncli watch rtsp://192.168.1.20/stream --retry 600
       actioncli watch 0 --exec 'notify-send moved'
       actioncli watch 0 --record seen
 
@@ -69,25 +89,30 @@ def watch(
     from actioncli.live.recorder import Recorder
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
+    from actioncli.pose.camera import without_password
     from actioncli.recognition.recognizer import Recognizer
 
+    if math.isnan(retry):  # neither less nor more than the option's bound
+        raise UsageError("--retry must be a number of seconds.")
+    name = without_password(source)
     view = _Screen() if sys.stderr.isatty() and not settings.quiet else _Plain()
     run = CommandRunner(execute, view.note, view.show) if execute is not None else None
 
     def tell(line: str) -> None:
         if not settings.quiet:
-            view.note(f"note: {source}: {line}")
+            view.note(f"note: {name}: {line}")
 
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = load_support(settings, store, recognizer, tau)
-    recorder = Recorder(record, support.threshold, source) if record is not None else None
+    recorder = Recorder(record, support.threshold, name) if record is not None else None
     try:
         with view:
             for event in events_of(
                 source,
                 support,
                 quality=quality or DEFAULT_QUALITY,
+                retry=retry,
                 recorder=recorder,
                 on_frame=view.draw,
                 note=tell,

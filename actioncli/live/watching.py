@@ -11,6 +11,7 @@ from actioncli.clips.clip import Clip
 from actioncli.clips.edit import cut
 from actioncli.errors import ClipError
 from actioncli.live.events import STRIDE, Event, EventDetector
+from actioncli.pose import RETRY_SECONDS
 from actioncli.recognition.support import SupportSet
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def watch(
     tau: float | None = None,
     *,
     quality: str = DEFAULT_QUALITY,
+    retry: float = RETRY_SECONDS,
     recorder: Recorder | None = None,
     on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
     note: Callable[[str], None] | None = None,
@@ -73,12 +75,14 @@ def watch(
         support: what is enrolled.
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         quality: pose network, "fast" or "accurate".
+        retry: seconds for which a camera or a stream that breaks is opened again.
         recorder: keeps the clips of events and near misses.
         on_frame: called after each frame, with its time.
-        note: called at the end with what a person should know.
+        note: called with what a person should know.
 
     Raises:
         ClipError: the source cannot be opened, or is lost; after the last event.
+        UsageError: an address of a kind that sends no pictures.
         SupportError: no action is enrolled.
     """
     support.require_actions()
@@ -89,7 +93,8 @@ def watch(
     else:
         from actioncli.live.stream import VideoStream
 
-        stream = VideoStream(source, quality, max(detector.windows) + 1)
+        hear = note or (lambda line: None)
+        stream = VideoStream(source, quality, max(detector.windows) + 1, retry, hear)
     looked, frames, seen, now = -STRIDE, 0, 0, 0.0
     lost: ClipError | None = None
     with closing(stream):

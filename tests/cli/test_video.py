@@ -18,13 +18,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from pose.videos import streamed, write_video
+from pose.videos import answering, hosted, part, streamed, write_video
 
 from actioncli import SupportStore, read_clip
 from actioncli.archives.processes import cores
 from actioncli.cli import camera
 from actioncli.clips.edit import cut
+from actioncli.errors import ClipError
 from actioncli.pose import video as pose_video
+from actioncli.pose.camera import LiveSource
 from actioncli.pose.frames import Frame, VideoFile
 
 from .conftest import EXAMPLES, Ask, Invoke, Run
@@ -136,11 +138,74 @@ def test_watch_a_stream_to_its_end(
     invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
 ) -> None:
     with streamed((frame.image for frame in VideoFile(waving).frames()), fps=10) as address:
-        done = invoke("watch", address, "--json", "--tau", 0)
-    assert done.exit_code == 0, done.stderr
-    events = [json.loads(line) for line in done.stdout.splitlines()]
+        done = invoke("watch", address, "--json", "--tau", 0, "--retry", 0)
+    assert done.exit_code == 3, done.stderr
+    *events, error = [json.loads(line) for line in json_lines(done.stdout)]
     assert all(0 <= event["start"] < event["end"] < 60 for event in events)
-    assert f"note: {address}: the stream has ended\n" in done.stderr
+    assert error["error"]["message"] == f"{address}: the picture has ended."
+
+
+def json_lines(text: str) -> list[str]:
+    """Documents on lines of their own; the error at the end takes several."""
+    *events, error = text.partition("{\n")[0].splitlines(), text.partition("{\n")[2]
+    return [*events[0], "{" + error]
+
+
+def test_watch_takes_a_stream_up_again(
+    invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
+) -> None:
+    pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
+    once: list[bytes | float] = [each for picture in pictures for each in (picture, 0.1)]
+    with answering(once, [*once, b"garbage"], []) as address:
+        done = invoke("watch", address.replace("//", "//me:secret@"), "--tau", 0, "--retry", 2)
+    assert done.exit_code == 3, done.stderr
+    again = f"note: {address}: the picture has ended; trying again for 2 s\n"
+    lost = f"error: {address}: the picture has ended, and was not back in 2 s.\n"
+    assert done.stderr == f"{again}note: {address}: the picture is back\n{again}{lost}"
+
+
+def test_a_video_at_an_address_is_none_of_a_camera(
+    invoke: Invoke, filled: SupportStore, waving: Path
+) -> None:
+    with hosted(waving.parent) as address:
+        done = invoke("watch", f"{address}wave.mp4", "--json", "--tau", 0)
+        assert (done.exit_code, done.stdout) == (
+            0,
+            invoke("watch", waving, "--json", "--tau", 0).stdout,
+        )
+        refused = invoke("enroll", "wave", "--camera", f"{address}wave.mp4")
+        assert refused.exit_code == 2
+        assert "wave.mp4: is a file: download it, and enrol it as one" in refused.stderr
+        refused = invoke("classify", f"{address}wave.mp4")
+        assert refused.exit_code == 3
+        assert (
+            f"download it first, or watch it: actioncli watch {address}wave.mp4" in refused.stderr
+        )
+
+
+def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None:
+    pictures: list[bytes | float] = [part(frame.image) for frame in VideoFile(waving).frames()]
+    with answering([*pictures, 60.0]) as address:
+        words = ("cameras", address, waving, "/dev/null", "--stills", tmp_path)
+        document, done = ask(*words), invoke(*words)
+    at_address, video, device = document["cameras"]
+    for entry in (at_address, video):
+        still = Path(entry["still"])
+        assert cv2.imread(str(still)).shape[:2] == (entry["height"], entry["width"]) == (320, 320)
+        assert os.name != "posix" or still.stat().st_mode & 0o777 == 0o600
+    assert "/dev/null: cannot be opened" in device["error"]["message"]
+    assert done.exit_code == 3
+    assert f"{address}  320 x 320\n" in done.stdout
+    assert invoke("cameras").exit_code == 0  # whatever this machine has
+    assert invoke("cameras", "--stills", tmp_path / "none").exit_code == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
+def test_cameras_draws_on_a_terminal(waving: Path) -> None:
+    shown, code = on_terminal(waving, command="cameras")
+    assert code == 0
+    rows = [line for line in screen_lines(shown) if set(line) == {"\u2580"}]
+    assert len(rows) == 24
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
@@ -243,10 +308,12 @@ def test_watch_tells_what_there_was_not(
     assert "s that the quickest performance would take" in done.stderr
 
 
-def on_terminal(waving: Path, *more: str, **streams: int) -> tuple[bytes, int]:
-    """What `watch` writes to a terminal, and its exit code."""
+def on_terminal(
+    waving: Path, *more: str, command: str = "watch", **streams: int
+) -> tuple[bytes, int]:
+    """What a command writes to a terminal, and its exit code."""
     terminal, side = os.openpty()
-    words = [sys.executable, "-m", "actioncli", "watch", str(waving), *more]
+    words = [sys.executable, "-m", "actioncli", command, str(waving), *more]
     with subprocess.Popen(words, **{"stdout": side, "stderr": side, **streams}) as watching:
         os.close(side)
         shown = b""
@@ -298,19 +365,20 @@ def test_a_person_at_a_terminal_sees_the_notes(filled: SupportStore, tmp_path: P
     assert seen.replace(" ", "").endswith("a.mp4:nobodywasseeninanyof40frames")  # over two lines
 
 
-class Paced:
+class Paced(LiveSource):
     """A camera that shows a video: frames at the times at which they would come."""
 
     dropped = 0
     video: Path
 
-    def __init__(self, source: int | str) -> None:
-        self.source = source
+    def __init__(self, source: int, *_: object) -> None:
+        self.name = f"camera {source}"
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[Frame | float]:
         for frame in VideoFile(self.video).frames():
             time.sleep(0.01)
             yield frame
+        raise ClipError(f"{self.name}: the picture has ended.")
 
     def close(self) -> None:
         """Nothing is held."""
@@ -318,7 +386,7 @@ class Paced:
 
 @pytest.fixture
 def at_camera(monkeypatch: pytest.MonkeyPatch) -> type[Paced]:
-    monkeypatch.setattr(camera, "LiveSource", Paced)
+    monkeypatch.setattr("actioncli.pose.camera.LiveSource", Paced)
     monkeypatch.setattr(camera, "COUNTDOWN", 0.3)
     return Paced
 
@@ -327,7 +395,7 @@ def at_camera(monkeypatch: pytest.MonkeyPatch) -> type[Paced]:
     ("seconds", "seen", "message"),
     [
         (1, True, None),
-        (10, True, "camera 0: it stopped after 17 frames, before 10 s were recorded"),
+        (10, True, "camera 0: the picture has ended. Of 10 s, 17 frames were recorded; nothing is"),
         (1, False, "not in view in 11 of 11 frames; nothing is enrolled"),
     ],
 )
@@ -371,8 +439,6 @@ def test_the_commands_of_the_readme(
     at_camera: type[Paced],
 ) -> None:
     """All of its section on videos, in order; a recorded person stands before the camera."""
-    monkeypatch.setattr("actioncli.pose.camera.LiveSource", Paced)
-    monkeypatch.setattr("actioncli.live.stream.LiveSource", Paced)
     monkeypatch.chdir(tmp_path)
     videos = shared / "video"
     part_of(videos / "squat" / "darebeeW.mp4", tmp_path / "squat.mp4", 4)
@@ -388,8 +454,9 @@ def test_the_commands_of_the_readme(
         if name == "review":  # whose keys tests/cli/test_review.py presses
             words.append("--json")
         done = invoke(name, *words)
-        # 1: somebody else's squat may be rejected.
-        assert done.exit_code in ((0, 1) if name == "classify" else (0,)), (line, done.stderr)
+        # 1: somebody else's squat may be rejected. 3: the camera has an end.
+        codes = {"classify": (0, 1), "watch": (3,)}.get(name, (0,))
+        assert done.exit_code in codes, (line, done.stderr)
     assert VideoFile(tmp_path / "seen.mp4").announced > 20
     assert read_clip(tmp_path / "squat.npz").joints.shape[1] == 33
     labels = json.loads(invoke("list-support", "--json").stdout)["actions"]
