@@ -12,7 +12,7 @@ import typer
 from actioncli.cli.command import Settings
 from actioncli.errors import ClipError, UsageError
 from actioncli.live.stream import PoseStream
-from actioncli.pose.camera import open_source, without_password
+from actioncli.pose.camera import open_source
 from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.poses import LONGEST_GAP
 from actioncli.pose.sides import LIMBS
@@ -47,9 +47,7 @@ def record(settings: Settings, source: str, seconds: float, quality: str) -> Cli
     camera = open_source(source, retry=0.0)
     if isinstance(camera, VideoFile):
         whole = "" if isinstance(camera.path, Path) else "download it, and "
-        raise UsageError(
-            f"{without_password(source)}: is a file: {whole}enrol it as one, without --camera."
-        )
+        raise UsageError(f"{camera.path}: is a file: {whole}enrol it as one, without --camera.")
     name, frames = camera.name, 0
     try:
         poses = PoseStream(quality, seconds=seconds + LONGEST_GAP)

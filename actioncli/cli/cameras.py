@@ -58,7 +58,8 @@ def cameras(
       cameras[].error: type, message, exit_code
     """
     from actioncli.pose.camera import cameras as of_this_machine
-    from actioncli.pose.camera import still, without_password
+    from actioncli.pose.camera import still
+    from actioncli.pose.frames import without_password
 
     if stills is not None and not stills.is_dir():
         raise UsageError(f"{stills}: there is no such folder; make it first.")

@@ -164,7 +164,7 @@ def _given(
     if camera is None:
         return read_each(find_any(paths), options, shown=not settings.quiet)
     from actioncli.cli.camera import record
-    from actioncli.pose.camera import without_password
+    from actioncli.pose.frames import without_password
     from actioncli.pose.video import DEFAULT_QUALITY
 
     name = f"camera {camera}" if camera.isdecimal() else without_password(camera)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,13 +15,14 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
 from actioncli.cli.options import QualityOption, TauOption, WeightsOption
-from actioncli.cli.output import note, printable, say
+from actioncli.cli.output import OutputError, note, printable, say
 from actioncli.errors import UsageError
 from actioncli.files import json_text
 from actioncli.pose import RETRY_SECONDS
 
 if TYPE_CHECKING:
     from actioncli.live.events import Event, EventDetector
+    from actioncli.live.reactions import Reaction
     from actioncli.live.watching import Stream
 
 
@@ -46,6 +47,24 @@ def watch(
             "ACTIONCLI_CONFIDENCE, ACTIONCLI_START and ACTIONCLI_END in its environment.",
         ),
     ] = None,
+    mqtt: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            envvar="ACTIONCLI_MQTT",
+            help="Publish events to a broker, mqtt://[user:password@]host[:port]/topic, and "
+            "describe each action to Home Assistant as a sensor. Needs the extra mqtt.",
+        ),
+    ] = None,
+    webhook: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", envvar="ACTIONCLI_WEBHOOK", help="Post every event there, as JSON."
+        ),
+    ] = None,
+    beep: Annotated[
+        bool, typer.Option("--beep", help="Ring the terminal's bell at every event.")
+    ] = False,
     record: Annotated[
         Path | None,
         typer.Option(
@@ -73,30 +92,34 @@ def watch(
     again; where it stays away, watching ends with exit code 3. Ctrl-C ends it. With --json, every
     event is a document on a line of its own.
 
+    What --mqtt and --webhook send are those documents with the time of day, `time`. A server that
+    does not answer is told, and never keeps watching waiting: events are dropped until it works
+    again, and none is sent late.
+
     \b
     Examples:
       actioncli watch
       actioncli watch training.mp4 --json
       actioncli watch rtsp://192.168.1.20/stream --retry 600
       actioncli watch 0 --exec 'notify-send moved'
+      actioncli watch --beep --mqtt mqtt://192.168.1.5/home/gestures
       actioncli watch 0 --record seen
 
     \b
     JSON keys:
       label, start, end, confidence
     """
-    from actioncli.live.commands import CommandRunner
     from actioncli.live.recorder import Recorder
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
-    from actioncli.pose.camera import without_password
+    from actioncli.pose.frames import without_password
     from actioncli.recognition.recognizer import Recognizer
 
     if math.isnan(retry):  # neither less nor more than the option's bound
         raise UsageError("--retry must be a number of seconds.")
     name = without_password(source)
     view = _Screen() if sys.stderr.isatty() and not settings.quiet else _Plain()
-    run = CommandRunner(execute, view.note, view.show) if execute is not None else None
+    reactions = _reactions(view, execute, mqtt, webhook, beep)
 
     def tell(line: str) -> None:
         if not settings.quiet:
@@ -105,6 +128,8 @@ def watch(
     recognizer = Recognizer(weights)
     with settings.open_store() as store:
         support = load_support(settings, store, recognizer, tau)
+    for react in reactions:
+        react.enrolled(support.actions)
     recorder = Recorder(record, support.threshold, name) if record is not None else None
     try:
         with view:
@@ -118,11 +143,40 @@ def watch(
                 note=tell,
             ):
                 view.say(_line(settings, event))
-                if run is not None:
-                    run(event)
+                for react in reactions:
+                    react(event)
     finally:
-        if run is not None:
-            run.wait()
+        for react in reactions:
+            react.close()
+
+
+def _reactions(
+    view: _Plain, execute: str | None, mqtt: str | None, webhook: str | None, beep: bool
+) -> list[Reaction]:
+    """What is done at events.
+
+    Raises:
+        UsageError: one of them cannot be.
+    """
+    from actioncli.live.commands import CommandRunner
+    from actioncli.live.mqtt import Mqtt
+    from actioncli.live.reactions import Bell, Webhook
+
+    def note(line: str) -> None:
+        # Not the main thread: that nobody hears it is noticed there.
+        with contextlib.suppress(OutputError, BrokenPipeError):
+            view.note(line)
+
+    if beep and not sys.stderr.isatty():
+        raise UsageError("--beep rings the bell of a terminal, and standard error is none.")
+    reactions: list[Reaction] = [Bell(view.ring)] if beep else []
+    if execute is not None:
+        reactions.append(CommandRunner(execute, note, note if view.above else None))
+    if webhook is not None:
+        reactions.append(Webhook(webhook, note))
+    if mqtt is not None:
+        reactions.append(Mqtt(mqtt, note))
+    return reactions
 
 
 def _line(settings: Settings, event: Event) -> str:
@@ -138,10 +192,10 @@ class _Plain:
     """Where nobody looks, or standard error is a file: lines, one after another.
 
     Attributes:
-        show: hears each line that a command of the user's writes; None lets it write itself.
+        above: whether what others write to the terminal has to be put above it.
     """
 
-    show: Callable[[str], None] | None = None
+    above = False
 
     def __enter__(self) -> None:
         """Begin."""
@@ -160,12 +214,18 @@ class _Plain:
         """What a person should know, to standard error."""
         note(printable(line))
 
+    def ring(self) -> None:
+        """The terminal's bell."""
+        typer.echo("\a", nl=False, err=True)
+
 
 class _Screen(_Plain):
     """Frame rate, time left, whether the body is in view, and the ranking, on standard error.
 
     What else goes to the same terminal would be drawn over: the view itself puts it above.
     """
+
+    above = True
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -179,7 +239,6 @@ class _Screen(_Plain):
             redirect_stderr=False,
         )
         self._times: list[float] = []
-        self.show = self.note
 
     def __enter__(self) -> None:
         self._live.start()

@@ -1,4 +1,4 @@
-"""What is done at an event: a command of the user's is run, and never by a shell."""
+"""A command of the user's is run at events, and never by a shell."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from typing import IO
 
 from actioncli.errors import UsageError
 from actioncli.live.events import Event
+from actioncli.live.reactions import LAST_SECONDS, Reaction
 
 # Commands that may run at once; an event that comes meanwhile is noted, and runs none.
 _MOST_RUNNING = 8
-_LAST_SECONDS = 5.0
 
 
 @dataclass
-class CommandRunner:
+class CommandRunner(Reaction):
     """Runs the user's command for events, and never a shell.
 
     Attributes:
@@ -47,6 +47,7 @@ class CommandRunner:
             raise UsageError(f"--exec {self.line!r}: there is no such program.")
 
     def __call__(self, event: Event) -> None:
+        """Run it; its output goes to standard error, which does not belong to the events."""
         self.running = [process for process in self.running if process.poll() is None]
         self._reading = [thread for thread in self._reading if thread.is_alive()]
         if len(self.running) >= _MOST_RUNNING:
@@ -58,7 +59,6 @@ class CommandRunner:
             "ACTIONCLI_START": f"{event.start:.3f}",
             "ACTIONCLI_END": f"{event.end:.3f}",
         }
-        # Its output goes to standard error: standard output belongs to the events.
         environment = {**os.environ, **event_variables}
         output = (2, None) if self.show is None else (subprocess.PIPE, subprocess.STDOUT)
         nothing = subprocess.DEVNULL
@@ -81,9 +81,9 @@ class CommandRunner:
             for line in output:
                 self.show(line.decode(errors="replace").rstrip())
 
-    def wait(self) -> None:
+    def close(self) -> None:
         """Give commands that still run a little time; they are not ended."""
-        deadline = time.monotonic() + _LAST_SECONDS
+        deadline = time.monotonic() + LAST_SECONDS
         for process in self.running:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(max(deadline - time.monotonic(), 0))

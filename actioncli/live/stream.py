@@ -11,7 +11,7 @@ import numpy as np
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError
 from actioncli.pose import RETRY_SECONDS
-from actioncli.pose.camera import LiveSource, open_source, without_password
+from actioncli.pose.camera import LiveSource, open_source
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT, Body, LandmarkEstimator
@@ -152,8 +152,7 @@ class VideoStream:
             return None
         if frames < 2:
             shown = "one frame" if frames else "no frame that can be decoded"
-            name = without_password(source.path)
-            raise ClipError(f"{name}: {shown}; an action needs a moving sequence.")
+            raise ClipError(f"{source.path}: {shown}; an action needs a moving sequence.")
         return source.shortfall()
 
     def close(self) -> None:

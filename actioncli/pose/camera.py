@@ -15,7 +15,16 @@ import numpy as np
 
 from actioncli.errors import ClipError, UsageError
 from actioncli.pose import RETRY_SECONDS
-from actioncli.pose.frames import OPENING, PATIENCE, Frame, VideoFile, one_thread, opened, quiet
+from actioncli.pose.frames import (
+    OPENING,
+    PATIENCE,
+    Frame,
+    VideoFile,
+    one_thread,
+    opened,
+    quiet,
+    without_password,
+)
 from actioncli.pose.region import Image
 
 # OpenCV takes larger numbers for other things, and crashes on some.
@@ -64,11 +73,6 @@ def open_source(
         return VideoFile(name)
     path = Path(name)
     return LiveSource(path, retry, note) if path.is_char_device() else VideoFile(path)
-
-
-def without_password(address: object) -> str:
-    """The name of a source, or an address, as it may be shown and kept."""
-    return re.sub(r"(://)[^/@]*@", r"\1", str(address))
 
 
 def cameras() -> list[tuple[int, str]]:

@@ -6,6 +6,7 @@ import contextlib
 import math
 import os
 import queue
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -64,6 +65,11 @@ def opened(source: str | int, backend: int) -> cv2.VideoCapture:
         return cv2.VideoCapture(given, backend, limits)
 
 
+def without_password(address: object) -> str:
+    """The name of a source, or an address, as it may be shown and kept."""
+    return re.sub(r"(://)[^/@]*@", r"\1", str(address))
+
+
 def name_for_opencv(name: str) -> str:
     """A file's name in bytes, which OpenCV takes, though its types want text: on text with half
     characters, which stand for bytes of a name that are no UTF-8, it crashes."""
@@ -89,7 +95,7 @@ class VideoFile:
     frame rate is followed.
 
     Attributes:
-        path: of the file, or the address.
+        path: of the file, or the address without a password.
         fps: nominal frame rate.
         duration: announced length in seconds, 0 where the file does not tell.
         announced: frames that the file says it has, 0 where it does not tell.
@@ -103,7 +109,7 @@ class VideoFile:
         Raises:
             ClipError: no such file, not readable, or not a video.
         """
-        self.path = path
+        self.path: Path | str = path if isinstance(path, Path) else without_password(path)
         if isinstance(path, Path):
             _check_file(path)
             # FFmpeg takes a name like `http:` for an address; an absolute one never is.
@@ -112,8 +118,8 @@ class VideoFile:
             self._capture = opened(path, cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
             raise ClipError(
-                f"{path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF can, "
-                "if the file is complete."
+                f"{self.path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF "
+                "can, if the file is complete."
             )
         width, height = (
             self._capture.get(side)
@@ -122,7 +128,7 @@ class VideoFile:
         if width * height > LARGEST_FRAME:
             self._capture.release()
             raise ClipError(
-                f"{path}: its frames have {width:.0f} x {height:.0f} pixels, more than the "
+                f"{self.path}: its frames have {width:.0f} x {height:.0f} pixels, more than the "
                 f"{LARGEST_FRAME // 10**6} million that are looked at; save it smaller."
             )
         self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)

@@ -18,6 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from live.servers import broker, free_port, hook, subscribed, until
 from pose.videos import answering, hosted, part, streamed, write_video
 
 from actioncli import SupportStore, read_clip
@@ -132,6 +133,29 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
     assert invoke("watch", waving, "--json", "--tau", 0).stdout == first.stdout
     assert invoke("watch", waving, "--tau", 1).stdout == ""
     assert "wave  (confidence" in invoke("watch", waving, "--tau", 0).stdout
+
+
+def test_watch_sends_what_it_tells(
+    invoke: Invoke, store: SupportStore, waving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("paho.mqtt", reason="needs the extra mqtt")
+    pytest.importorskip("amqtt", reason="needs the extra dev")
+    store.enroll("wave", read_clip(waving, start=0.2, end=1.5))
+    port = free_port()
+    monkeypatch.setenv("ACTIONCLI_MQTT", f"mqtt://127.0.0.1:{port}/hall")
+    with broker(port), subscribed(port) as got, hook() as server:
+        words = ("watch", waving, "--json", "--tau", 0)
+        done = invoke(*words, "--webhook", f"http://127.0.0.1:{server.port}/")
+        until(lambda: ("hall/status", "offline") in got)
+        server.status = None  # hangs from now on
+        assert invoke(*words, "--webhook", f"http://127.0.0.1:{server.port}/").stdout == done.stdout
+    assert (done.exit_code, done.stderr) == (0, "")
+    [event] = map(json.loads, done.stdout.splitlines())
+    published = [document for topic, document in got if topic == "hall/action/wave"]
+    for document in (*published, *(posted for _, posted in server.posted)):
+        assert {**event, "time": document["time"]} == document
+    assert (len(published), len(server.posted)) == (2, 2)
+    assert "--beep rings the bell of a terminal" in invoke("watch", waving, "--beep").stderr
 
 
 def test_watch_a_stream_to_its_end(
@@ -348,8 +372,8 @@ def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Pat
     """Both streams go to one terminal, as they do for who just types the command."""
     store.enroll(":wave:", read_clip(waving, start=0.2, end=1.5))
     moved = shlex.join([sys.executable, "-c", "print('moved')"])
-    shown, code = on_terminal(waving, "--tau", "0", "--exec", moved)
-    assert code == 0
+    shown, code = on_terminal(waving, "--tau", "0", "--beep", "--exec", moved)
+    assert (code, shown.count(b"\a")) == (0, 1)
     event = r"\d+\.\d s  to +\d+\.\d s  :wave:  \(confidence [01]\.\d\d\)"
     first, *rest = screen_lines(shown)
     assert re.fullmatch(event, first), first
