@@ -7,6 +7,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,7 @@ from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
 from actioncli.cli.options import QualityOption, TauOption, WeightsOption
 from actioncli.cli.output import OutputError, note, printable, say
-from actioncli.errors import UsageError
+from actioncli.errors import ActionCliError, UsageError
 from actioncli.files import json_text
 from actioncli.pose import RETRY_SECONDS
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from actioncli.live.events import Event, EventDetector
     from actioncli.live.reactions import Reaction
     from actioncli.live.watching import Stream
+    from actioncli.recognition.followed import FollowedSupport
+    from actioncli.recognition.support import SupportSet
 
 
 @command
@@ -92,6 +95,8 @@ def watch(
     again; where it stays away, watching ends with exit code 3. Ctrl-C ends it. With --json, every
     event is a document on a line of its own.
 
+    What is enrolled, removed or calibrated meanwhile counts at once.
+
     What --mqtt and --webhook send are those documents with the time of day, `time`. A server that
     does not answer is told, and never keeps watching waiting: events are dropped until it works
     again, and none is sent late.
@@ -113,6 +118,7 @@ def watch(
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
     from actioncli.pose.frames import without_password
+    from actioncli.recognition.followed import FollowedSupport
     from actioncli.recognition.recognizer import Recognizer
 
     if math.isnan(retry):  # neither less nor more than the option's bound
@@ -126,16 +132,15 @@ def watch(
             view.note(f"note: {name}: {line}")
 
     recognizer = Recognizer(weights)
-    with settings.open_store() as store:
-        support = load_support(settings, store, recognizer, tau)
-    for react in reactions:
-        react.enrolled(support.actions)
+    store = settings.open_store()
+    support = load_support(settings, store, recognizer, tau)
+    follow = _Following(FollowedSupport(store, recognizer, tau), reactions, tell)
     recorder = Recorder(record, support.threshold, name) if record is not None else None
     try:
         with view:
             for event in events_of(
                 source,
-                support,
+                follow,
                 quality=quality or DEFAULT_QUALITY,
                 retry=retry,
                 recorder=recorder,
@@ -148,6 +153,37 @@ def watch(
     finally:
         for react in reactions:
             react.close()
+
+
+class _Following:
+    """What is enrolled now; changes are told, and a store that cannot be read ends nothing."""
+
+    def __init__(
+        self, read: FollowedSupport, reactions: list[Reaction], tell: Callable[[str], None]
+    ) -> None:
+        self._read, self._reactions, self._tell = read, reactions, tell
+        self._support: SupportSet | None = None
+        self._wrong = ""
+
+    def __call__(self) -> SupportSet:
+        before = self._support
+        try:
+            self._support = self._read()
+            self._wrong = ""
+        except ActionCliError as error:
+            if before is None:
+                raise
+            if str(error) != self._wrong:
+                self._tell(f"{error} What was enrolled before counts until then.")
+            self._wrong = str(error)
+        assert self._support is not None
+        if self._support is not before:
+            for react in self._reactions:
+                react.enrolled(self._support.actions)
+            if before is not None:
+                labels = ", ".join(sorted(self._support.actions)) or "nothing"
+                self._tell(f"the support set has changed; enrolled now: {labels}")
+        return self._support
 
 
 def _reactions(

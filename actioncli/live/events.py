@@ -61,12 +61,23 @@ class EventDetector:
 
     def __init__(self, support: SupportSet) -> None:
         """Prepare; a window that is nearest to a negative shows no action."""
+        self.follow(support)
+
+    def follow(self, support: SupportSet) -> None:
+        """What is enrolled has changed.
+
+        An event that is going on goes on; that of an action which is no more is forgotten.
+        """
         self._recognizer, self._threshold = support.recognizer, support.threshold
         self._actions = frozenset(support.actions)
         # Each negative competes like an action, under a name that no label can have.
         negatives = {f"\n{n}": one[np.newaxis] for n, one in enumerate(support.negatives)}
         self._support = {**support.actions, **negatives}
-        self.windows = window_lengths(support.durations.values(), _LONGEST)
+        if support.durations:
+            self.windows = window_lengths(support.durations.values(), _LONGEST)
+        if self._event is not None and self._event.label not in self._actions:
+            self._event = None
+        self._rising = tuple(seen for seen in self._rising if seen.label in self._actions)
 
     @property
     def current(self) -> Event | None:

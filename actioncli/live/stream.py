@@ -58,6 +58,10 @@ class PoseStream:
             while track.times and track.times[0] < oldest:
                 del track.times[0], track.bodies[0]
 
+    def remember(self, seconds: float) -> None:
+        """From now on so much, where that is more."""
+        self._seconds = max(self._seconds, seconds)
+
     def lose(self) -> None:
         """There is no picture: nobody is seen."""
         self.body = None
@@ -131,6 +135,10 @@ class VideoStream:
     def clip(self) -> Clip | None:
         """The last seconds."""
         return self._poses.clip()
+
+    def remember(self, seconds: float) -> None:
+        """Keep so many seconds from now on, at least."""
+        self._poses.remember(seconds)
 
     def state(self, now: float) -> str:
         """The time left in a file, or the frames that a camera dropped."""

@@ -39,6 +39,9 @@ class Stream(Protocol):
     def clip(self) -> Clip | None:
         """The last seconds, ending with the last frame; None while nobody is followed."""
 
+    def remember(self, seconds: float) -> None:
+        """Keep so many seconds from now on, at least."""
+
     def state(self, now: float) -> str:
         """How the stream is doing, for people."""
 
@@ -55,7 +58,7 @@ class Stream(Protocol):
 
 def watch(
     source: int | str | Path | Clip,
-    support: SupportSet,
+    support: SupportSet | Callable[[], SupportSet],
     tau: float | None = None,
     *,
     quality: str = DEFAULT_QUALITY,
@@ -72,7 +75,8 @@ def watch(
     Args:
         source: number of a camera, a video file, the address of a stream, or a clip, whose joints
             are taken as if they came one frame after another.
-        support: what is enrolled.
+        support: what is enrolled; or what gives it, such as a `FollowedSupport`, and is asked at
+            each look: what is enrolled, removed or calibrated meanwhile counts at once.
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         quality: pose network, "fast" or "accurate".
         retry: seconds for which a camera or a stream that breaks is opened again.
@@ -85,8 +89,10 @@ def watch(
         UsageError: an address of a kind that sends no pictures.
         SupportError: no action is enrolled.
     """
-    support.require_actions()
-    detector = EventDetector(support if tau is None else support.with_tau(tau))
+    follow = support if callable(support) else (lambda: support)
+    enrolled = follow()
+    enrolled.require_actions()
+    detector = EventDetector(enrolled if tau is None else enrolled.with_tau(tau))
     stream: Stream
     if isinstance(source, Clip):
         stream = _ClipStream(source, max(detector.windows) + 1)
@@ -104,7 +110,15 @@ def watch(
                 seen += stream.seen
                 if now - looked >= STRIDE:
                     looked = now
-                    clip = stream.clip()
+                    if (changed := follow()) is not enrolled:
+                        enrolled = changed
+                        current = enrolled if tau is None else enrolled.with_tau(tau)
+                        detector.follow(current)
+                        stream.remember(max(detector.windows) + 1)
+                        if recorder is not None:
+                            recorder.threshold = current.threshold
+                    # Where nothing is enrolled any more, nobody can do it.
+                    clip = stream.clip() if enrolled.actions else None
                     over = detector.update(clip, now)
                     yield from over
                     if recorder is not None:
@@ -165,6 +179,10 @@ class _ClipStream:
             return cut(self._clip, max(self._now - self._seconds, 0.0), self._now)
         except ClipError:  # nothing has moved
             return None
+
+    def remember(self, seconds: float) -> None:
+        """Keep so many seconds from now on, at least."""
+        self._seconds = max(self._seconds, seconds)
 
     def state(self, now: float) -> str:
         """How much is left."""

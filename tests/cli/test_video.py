@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -156,6 +157,43 @@ def test_watch_sends_what_it_tells(
         assert {**event, "time": document["time"]} == document
     assert (len(published), len(server.posted)) == (2, 2)
     assert "--beep rings the bell of a terminal" in invoke("watch", waving, "--beep").stderr
+
+
+@pytest.mark.usefixtures("unmeasured")
+def test_what_is_enrolled_meanwhile_counts(
+    store: SupportStore, waving: Path, invoke: Invoke
+) -> None:
+    store.enroll("squat", read_clip(EXAMPLES / "squat" / "ada.npz"))
+    pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
+    always = itertools.cycle([each for picture in pictures for each in (picture, 0.1)])
+    words = [sys.executable, "-m", "actioncli", "watch", "--json"]
+    with (
+        answering(always) as address,
+        subprocess.Popen(
+            [*words, address], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as watching,
+    ):
+        assert watching.stdout is not None
+        assert watching.stderr is not None
+        time.sleep(3)
+        assert invoke("enroll", "wave", waving, "--start", 0.2, "--end", 1.5).exit_code == 0
+        told = time.monotonic()
+        changed = "the support set has changed; enrolled now:"
+        assert watching.stderr.readline() == f"note: {address}: {changed} squat, wave\n"
+        assert time.monotonic() - told < 1.5
+        # Whoever does nothing else is seen to begin; what ends it is that it is removed.
+        time.sleep(2)
+        assert invoke("remove", "squat", "--yes").exit_code == 0
+        assert watching.stderr.readline() == f"note: {address}: {changed} wave\n"
+        content = store.path.read_bytes()
+        store.path.write_bytes(b"damaged" * 1000)
+        assert "What was enrolled before counts until then." in watching.stderr.readline()
+        store.path.write_bytes(content)
+        assert watching.stderr.readline() == f"note: {address}: {changed} wave\n"
+        watching.send_signal(signal.SIGINT)
+        events = [json.loads(line) for line in watching.communicate(timeout=60)[0].splitlines()]
+    assert watching.returncode == 0
+    assert {event["label"] for event in events} == {"wave"}
 
 
 def test_watch_a_stream_to_its_end(
