@@ -211,13 +211,13 @@ class LiveSource:
         until = time.monotonic() + self._retry
         while True:
             self.close()
-            self._dropped += self._connection.dropped
             goes_on = time.monotonic() + min(pause, until - time.monotonic())
             while (left := goes_on - time.monotonic()) > 0:
                 time.sleep(min(left, _LOOK))
                 yield time.monotonic() - self._start
             pause = min(2 * pause, _LONGEST_PAUSE)
-            self._connection = _Connection(self._source, self._start)
+            before, self._connection = self._connection, _Connection(self._source, self._start)
+            self._dropped += before.dropped
             opened_until = time.monotonic() - self._start + OPENING
             while not self._connection.over:
                 # One picture alone is none: some addresses send no more.
@@ -289,7 +289,10 @@ class _Connection:
                 self._opened, self.ends = read, capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0
                 self._changed.notify()
             while read and not self._closing:
-                read, image = capture.read()
+                try:
+                    read, image = capture.read()
+                except cv2.error:  # such as a picture that no memory could hold
+                    read = False
                 with self._changed:
                     if read and image is not None:
                         self._came += 1
