@@ -43,6 +43,7 @@ COMMANDS: Mapping[str, str] = MappingProxyType(
         "classify": "actioncli.cli.classify:classify",
         "batch": "actioncli.cli.batch:batch",
         "watch": "actioncli.cli.watch:watch",
+        "cameras": "actioncli.cli.cameras:cameras",
         "review": "actioncli.cli.review:review",
         "studio": "actioncli.cli.studio:studio",
         "extract": "actioncli.cli.extract:extract",

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
 
 from actioncli.cli.command import Settings
-from actioncli.errors import ClipError
+from actioncli.errors import ClipError, UsageError
 from actioncli.live.stream import PoseStream
-from actioncli.pose.camera import LiveSource
+from actioncli.pose.camera import open_source
+from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.poses import LONGEST_GAP
 from actioncli.pose.sides import LIMBS
 
@@ -30,22 +32,29 @@ def in_view(body: Body | None) -> bool:
     return body is not None and float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
 
 
-def record(settings: Settings, source: int | str, seconds: float, quality: str) -> Clip:
+def record(settings: Settings, source: str, seconds: float, quality: str) -> Clip:
     """Record one clip.
 
     Args:
-        source: number of the camera, or an address.
+        source: see `open_source`; no file.
 
     Raises:
         ClipError: no camera, it stops too soon, or the body is not in view.
+        UsageError: a file, or an address of a kind that sends no pictures.
     """
     from actioncli.clips.clip import Clip
 
-    camera = LiveSource(source)
+    camera = open_source(source, retry=0.0)
+    if isinstance(camera, VideoFile):
+        whole = "" if isinstance(camera.path, Path) else "download it, and "
+        raise UsageError(f"{camera.path}: is a file: {whole}enrol it as one, without --camera.")
+    name, frames = camera.name, 0
     try:
         poses = PoseStream(quality, seconds=seconds + LONGEST_GAP)
-        told, frames, missed, start = "", 0, 0, 0.0
+        told, missed, start = "", 0, 0.0
         for frame in camera.frames():
+            if not isinstance(frame, Frame):
+                continue
             start = start or frame.time + COUNTDOWN
             if frames and frame.time > start + seconds:
                 break
@@ -60,26 +69,23 @@ def record(settings: Settings, source: int | str, seconds: float, quality: str) 
                 else f"recording in {start - frame.time:.0f} s"
             )
             told = _show(settings, f"{line}, body {'in view' if seen else 'NOT in view'}", told)
-        else:
-            raise ClipError(
-                f"camera {source}: it stopped after {frames} frames, before {seconds:g} s were "
-                "recorded; nothing is enrolled."
-            )
         _show(settings, "", told)
+    except ClipError as lost:
+        raise ClipError(
+            f"{lost} Of {seconds:g} s, {frames} frames were recorded; nothing is enrolled."
+        ) from lost
     finally:
         camera.close()
     clip = poses.clip()
     if frames < 2 or clip is None or missed > _MOST_MISSED * frames:
         raise ClipError(
-            f"camera {source}: the body was not in view in {missed} of {frames} frames; nothing is "
+            f"{name}: the body was not in view in {missed} of {frames} frames; nothing is "
             "enrolled. Step back until head, hands and feet are in the picture, and see to light."
         )
     kept = min(round(seconds * clip.fps) + 1, len(clip))
     confidence = None if clip.confidence is None else np.array(clip.confidence[-kept:])
     notes = [*clip.notes, f"{frames} frames recorded, {camera.dropped} dropped"]
-    return Clip(
-        clip.joints[-kept:], clip.joint_names, clip.fps, confidence, f"camera {source}", notes
-    )
+    return Clip(clip.joints[-kept:], clip.joint_names, clip.fps, confidence, name, notes)
 
 
 def _show(settings: Settings, line: str, before: str) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from actioncli.store.store import SupportStore
 
 
-def tell_notes(settings: Settings, path: Path, notes: Sequence[str]) -> None:
+def tell_notes(settings: Settings, path: Path | str, notes: Sequence[str]) -> None:
     """Tell what reading a clip decided on the way."""
     for line in notes:
         settings.tell(f"note: {printable(path)}: {printable(line)}")

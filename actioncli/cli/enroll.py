@@ -58,7 +58,8 @@ def enroll(
     camera: Annotated[
         str | None,
         typer.Option(
-            metavar="N|URL", help="Record from this camera; the first one is 0. Or its address."
+            metavar="CAMERA",
+            help="Record from this one: its number, its device (/dev/video0) or its address.",
         ),
     ] = None,
     seconds: Annotated[
@@ -158,17 +159,17 @@ def enroll(
 
 def _given(
     settings: Settings, paths: list[Path], options: ReadOptions, camera: str | None, seconds: float
-) -> Iterable[tuple[Path, Clip | ClipError]]:
+) -> Iterable[tuple[Path | str, Clip | ClipError]]:
     """The clips of files, or the one that a camera records."""
     if camera is None:
         return read_each(find_any(paths), options, shown=not settings.quiet)
     from actioncli.cli.camera import record
+    from actioncli.pose.frames import without_password
     from actioncli.pose.video import DEFAULT_QUALITY
 
-    outcome: Clip | ClipError
+    name = f"camera {camera}" if camera.isdecimal() else without_password(camera)
     try:
-        source = int(camera) if camera.isdecimal() else camera
-        outcome = record(settings, source, seconds, options.quality or DEFAULT_QUALITY)
+        clip = record(settings, camera, seconds, options.quality or DEFAULT_QUALITY)
     except ClipError as unusable:
-        outcome = unusable
-    return [(Path(f"camera {camera}"), outcome)]
+        return [(name, unusable)]
+    return [(name, clip)]

@@ -72,11 +72,11 @@ def read_each(
 
 
 def usable(
-    clips: Iterable[tuple[Path, Clip | ClipError]],
+    clips: Iterable[tuple[Path | str, Clip | ClipError]],
     recognizer: Recognizer | None,
     *,
     examples: bool = False,
-) -> Iterator[tuple[Path, Clip | dict[str, object]]]:
+) -> Iterator[tuple[Path | str, Clip | dict[str, object]]]:
     """The clips that a recogniser can use; each other one is reported, and comes as its entry in
     JSON. As `examples` of an action they must show what moves."""
     from actioncli.clips.checks import require_usable
@@ -95,7 +95,7 @@ def usable(
             yield path, clip
 
 
-def report_bad_clip(path: Path, error: ClipError) -> dict[str, object]:
+def report_bad_clip(path: Path | str, error: ClipError) -> dict[str, object]:
     """Report that a clip is left out, and go on with the others; its entry in JSON.
 
     Raises:

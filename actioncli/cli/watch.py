@@ -3,32 +3,43 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
 from actioncli.cli.options import QualityOption, TauOption, WeightsOption
-from actioncli.cli.output import note, printable, say
+from actioncli.cli.output import OutputError, note, printable, say
+from actioncli.errors import ActionCliError, UsageError
 from actioncli.files import json_text
+from actioncli.pose import RETRY_SECONDS
 
 if TYPE_CHECKING:
-    from rich.live import Live
-
     from actioncli.live.events import Event, EventDetector
+    from actioncli.live.reactions import Reaction
     from actioncli.live.watching import Stream
+    from actioncli.recognition.followed import FollowedSupport
+    from actioncli.recognition.support import SupportSet
 
 
 @command
 def watch(
     settings: Settings,
-    source: Annotated[str, typer.Argument(metavar="CAMERA|VIDEO|URL", help="What to watch.")] = "0",
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A camera's number or device (/dev/video0), a video, or the address of a stream "
+            "or a video.",
+        ),
+    ] = "0",
     tau: TauOption = None,
     execute: Annotated[
         str | None,
@@ -39,6 +50,24 @@ def watch(
             "ACTIONCLI_CONFIDENCE, ACTIONCLI_START and ACTIONCLI_END in its environment.",
         ),
     ] = None,
+    mqtt: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            envvar="ACTIONCLI_MQTT",
+            help="Publish events to a broker, mqtt://[user:password@]host[:port]/topic, and "
+            "describe each action to Home Assistant as a sensor. Needs the extra mqtt.",
+        ),
+    ] = None,
+    webhook: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", envvar="ACTIONCLI_WEBHOOK", help="Post every event there, as JSON."
+        ),
+    ] = None,
+    beep: Annotated[
+        bool, typer.Option("--beep", help="Ring the terminal's bell at every event.")
+    ] = False,
     record: Annotated[
         Path | None,
         typer.Option(
@@ -47,6 +76,14 @@ def watch(
             show_default=False,
         ),
     ] = None,
+    retry: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0,
+            help="How long a camera or a stream that breaks is opened again, with growing pauses.",
+        ),
+    ] = RETRY_SECONDS,
     quality: QualityOption = None,
     weights: WeightsOption = None,
 ) -> None:
@@ -54,51 +91,128 @@ def watch(
 
     Windows of several lengths slide over the poses of one person; one performance is one event,
     told when it is over. A camera's frames that come too late are dropped. A video gives the same
-    events every time. Ctrl-C ends watching. With --json, every event is a document on a line of
-    its own.
+    events every time, from an address too. A camera or a stream that breaks is told, and opened
+    again; where it stays away, watching ends with exit code 3. Ctrl-C ends it. With --json, every
+    event is a document on a line of its own.
+
+    What is enrolled, removed or calibrated meanwhile counts at once.
+
+    What --mqtt and --webhook send are those documents with the time of day, `time`. A server that
+    does not answer is told, and never keeps watching waiting: events are dropped until it works
+    again, and none is sent late.
 
     \b
     Examples:
       actioncli watch
       actioncli watch training.mp4 --json
+      actioncli watch rtsp://192.168.1.20/stream --retry 600
       actioncli watch 0 --exec 'notify-send moved'
+      actioncli watch --beep --mqtt mqtt://192.168.1.5/home/gestures
       actioncli watch 0 --record seen
 
     \b
     JSON keys:
       label, start, end, confidence
     """
-    from actioncli.live.commands import CommandRunner
     from actioncli.live.recorder import Recorder
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
+    from actioncli.pose.frames import without_password
+    from actioncli.recognition.followed import FollowedSupport
     from actioncli.recognition.recognizer import Recognizer
 
-    run = CommandRunner(execute, _note) if execute is not None else None
+    if math.isnan(retry):  # neither less nor more than the option's bound
+        raise UsageError("--retry must be a number of seconds.")
+    name = without_password(source)
+    view = _Screen() if sys.stderr.isatty() and not settings.quiet else _Plain()
+    reactions = _reactions(view, execute, mqtt, webhook, beep)
+
+    def tell(line: str) -> None:
+        if not settings.quiet:
+            view.note(f"note: {name}: {line}")
+
     recognizer = Recognizer(weights)
-    with settings.open_store() as store:
-        support = load_support(settings, store, recognizer, tau)
-    recorder = Recorder(record, support.threshold, source) if record is not None else None
+    store = settings.open_store()
+    support = load_support(settings, store, recognizer, tau)
+    follow = _Following(FollowedSupport(store, recognizer, tau), reactions, tell)
+    recorder = Recorder(record, support.threshold, name) if record is not None else None
     try:
-        with _view(settings) as view:
+        with view:
             for event in events_of(
                 source,
-                support,
+                follow,
                 quality=quality or DEFAULT_QUALITY,
+                retry=retry,
                 recorder=recorder,
-                on_frame=view.show,
-                note=lambda line: settings.tell(f"note: {printable(source)}: {line}"),
+                on_frame=view.draw,
+                note=tell,
             ):
                 view.say(_line(settings, event))
-                if run is not None:
-                    run(event)
+                for react in reactions:
+                    react(event)
     finally:
-        if run is not None:
-            run.wait()
+        for react in reactions:
+            react.close()
 
 
-def _note(line: str) -> None:
-    note(printable(line))
+class _Following:
+    """What is enrolled now; changes are told, and a store that cannot be read ends nothing."""
+
+    def __init__(
+        self, read: FollowedSupport, reactions: list[Reaction], tell: Callable[[str], None]
+    ) -> None:
+        self._read, self._reactions, self._tell = read, reactions, tell
+        self._support: SupportSet | None = None
+        self._wrong = ""
+
+    def __call__(self) -> SupportSet:
+        before = self._support
+        try:
+            self._support = self._read()
+            self._wrong = ""
+        except ActionCliError as error:
+            if before is None:
+                raise
+            if str(error) != self._wrong:
+                self._tell(f"{error} What was enrolled before counts until then.")
+            self._wrong = str(error)
+        assert self._support is not None
+        if self._support is not before:
+            for react in self._reactions:
+                react.enrolled(self._support.actions)
+            if before is not None:
+                labels = ", ".join(sorted(self._support.actions)) or "nothing"
+                self._tell(f"the support set has changed; enrolled now: {labels}")
+        return self._support
+
+
+def _reactions(
+    view: _Plain, execute: str | None, mqtt: str | None, webhook: str | None, beep: bool
+) -> list[Reaction]:
+    """What is done at events.
+
+    Raises:
+        UsageError: one of them cannot be.
+    """
+    from actioncli.live.commands import CommandRunner
+    from actioncli.live.mqtt import Mqtt
+    from actioncli.live.reactions import Bell, Webhook
+
+    def note(line: str) -> None:
+        # Not the main thread: that nobody hears it is noticed there.
+        with contextlib.suppress(OutputError, BrokenPipeError):
+            view.note(line)
+
+    if beep and not sys.stderr.isatty():
+        raise UsageError("--beep rings the bell of a terminal, and standard error is none.")
+    reactions: list[Reaction] = [Bell(view.ring)] if beep else []
+    if execute is not None:
+        reactions.append(CommandRunner(execute, note, note if view.above else None))
+    if webhook is not None:
+        reactions.append(Webhook(webhook, note))
+    if mqtt is not None:
+        reactions.append(Mqtt(mqtt, note))
+    return reactions
 
 
 def _line(settings: Settings, event: Event) -> str:
@@ -110,26 +224,66 @@ def _line(settings: Settings, event: Event) -> str:
     )
 
 
-class _Nothing:
-    """Where nobody looks, or standard error is a file."""
+class _Plain:
+    """Where nobody looks, or standard error is a file: lines, one after another.
 
-    def show(self, *_: Any) -> None:
-        """Nothing."""
+    Attributes:
+        above: whether what others write to the terminal has to be put above it.
+    """
+
+    above = False
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+
+    def draw(self, now: float, stream: Stream, detector: EventDetector) -> None:
+        """A frame: nothing."""
 
     def say(self, line: str) -> None:
         """An event, to standard output."""
         say(line)
 
+    def note(self, line: str) -> None:
+        """What a person should know, to standard error."""
+        note(printable(line))
 
-class _Screen(_Nothing):
-    """Frame rate, time left, whether the body is in view, and the ranking, on standard error."""
+    def ring(self) -> None:
+        """The terminal's bell."""
+        typer.echo("\a", nl=False, err=True)
 
-    def __init__(self, live: Live) -> None:
-        self._live = live
+
+class _Screen(_Plain):
+    """Frame rate, time left, whether the body is in view, and the ranking, on standard error.
+
+    What else goes to the same terminal would be drawn over: the view itself puts it above.
+    """
+
+    above = True
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._live = Live(
+            console=Console(stderr=True),
+            refresh_per_second=8,
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
         self._times: list[float] = []
 
-    def show(self, now: float, stream: Stream, detector: EventDetector) -> None:
-        """Draw; rich limits how often that reaches the terminal."""
+    def __enter__(self) -> None:
+        self._live.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def draw(self, now: float, stream: Stream, detector: EventDetector) -> None:
+        """A frame; rich limits how often that reaches the terminal."""
         from rich.text import Text
 
         self._times = [*self._times[-30:], time.monotonic()]
@@ -146,25 +300,15 @@ class _Screen(_Nothing):
         self._live.update(Text("\n".join(lines)))
 
     def say(self, line: str) -> None:
-        """An event. On a terminal that shows both streams, what goes past the view is drawn over by
-        it: the view itself puts the line above."""
+        """An event, to standard output where that is not the same terminal."""
         if sys.stdout.isatty() and os.ttyname(1) == os.ttyname(2):
-            self._live.console.print(
-                line, markup=False, emoji=False, highlight=False, soft_wrap=True
-            )
+            self._above(line)
         else:
             say(line)
 
+    def note(self, line: str) -> None:
+        """What a person should know."""
+        self._above(printable(line))
 
-@contextlib.contextmanager
-def _view(settings: Settings) -> Iterator[_Screen | _Nothing]:
-    if settings.quiet or not sys.stderr.isatty():
-        yield _Nothing()
-        return
-    from rich.console import Console
-    from rich.live import Live
-
-    with Live(
-        console=Console(stderr=True), refresh_per_second=8, transient=True, redirect_stdout=False
-    ) as live:
-        yield _Screen(live)
+    def _above(self, line: str) -> None:
+        self._live.console.print(line, markup=False, emoji=False, highlight=False, soft_wrap=True)

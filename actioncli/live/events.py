@@ -89,18 +89,28 @@ class EventDetector:
 
     def __init__(self, support: SupportSet) -> None:
         """Prepare; a window that is nearest to a negative shows no action."""
+        self.follow(support)
+
+    def follow(self, support: SupportSet) -> None:
+        """What is enrolled has changed.
+
+        A match that becomes an event still does, but one of an action which is no more.
+        """
         self._recognizer, self._threshold = support.recognizer, support.threshold
         # Each negative competes like an action, under a name that no label can have.
         negatives = {f"\n{n}": one[np.newaxis] for n, one in enumerate(support.negatives)}
         self._support = {**support.actions, **negatives}
-        self.windows = window_lengths(support.durations.values(), _LONGEST)
-        # An action is looked for in windows of about its length: how far each is from it.
+        if support.durations:
+            self.windows = window_lengths(support.durations.values(), _LONGEST)
+        # An action is looked for in windows of about its length.
         usual = np.array([support.durations[label] for label in support.actions])
         lengths = np.array(self.windows)[:, None]
         usual = usual.clip(lengths[0] / FASTER, lengths[-1] / SLOWER)
         self._fits = (lengths > 0.99 * FASTER * usual) & (lengths < 1.01 * SLOWER * usual)
         self._back = [max(1, round(_LOOKS_BACK * seconds / STRIDE)) for seconds in self.windows]
-        self._looks: deque[FloatArray] = deque(maxlen=max(self._back))
+        self._looks = deque[FloatArray](maxlen=max(self._back))
+        if self.current is not None and self.current.label not in support.actions:
+            self.current = None
 
     def update(self, clip: Clip | None, now: float) -> list[Event]:
         """Look at the stream as it is now.

@@ -92,6 +92,9 @@ class Recorder:
     A near miss is a stretch in which the surest action stays within `NEAR` of its threshold
     without becoming an event; its clip is the window that came nearest. What leads up to an event
     or follows it is no near miss.
+
+    Attributes:
+        threshold: of the actions; it may change.
     """
 
     def __init__(self, folder: Path, threshold: Threshold, source: str) -> None:
@@ -104,7 +107,7 @@ class Recorder:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"{folder}: cannot be made: {error.strerror}.") from error
-        self._folder, self._threshold, self._source = folder, threshold, source
+        self._folder, self.threshold, self._source = folder, threshold, source
         self._seen: tuple[Clip, float] | None = None
         self._near: tuple[Candidate, Clip, float] | None = None
         self._quiet = 0
@@ -142,7 +145,7 @@ class Recorder:
             best is not None
             and clip is not None
             and best.start >= self._event_end
-            and abs(best.confidence - self._threshold.of(best.label)) <= NEAR
+            and abs(best.confidence - self.threshold.of(best.label)) <= NEAR
         )
         if best is not None and clip is not None and near:
             self._quiet = 0
@@ -190,7 +193,7 @@ class Recorder:
         from actioncli.clips.write import write_clip
 
         file = self._new_file(re.sub(r"[^\w-]+", "_", label)[:40])
-        tau = self._threshold.of(label)
+        tau = self.threshold.of(label)
         kept = Kept(file, label, confidence, tau, event, start, end, self._source)
         description = {key: value for key, value in kept.to_json().items() if key != "file"}
         text = json.dumps(description, indent=1)

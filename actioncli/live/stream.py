@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError
-from actioncli.pose.camera import LiveSource
+from actioncli.pose import RETRY_SECONDS
+from actioncli.pose.camera import LiveSource, open_source
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT, Body, LandmarkEstimator
@@ -34,7 +35,8 @@ class PoseStream:
             quality: "fast" or "accurate".
             seconds: how much to remember.
         """
-        self._tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), most=1)
+        self._networks = PersonDetector(), LandmarkEstimator(quality)
+        self._tracker = Tracker(*self._networks, most=1)
         self._seconds = seconds
         self._frames: list[float] = []
         self.size = (0, 0)
@@ -42,7 +44,10 @@ class PoseStream:
 
     def add(self, frame: Frame) -> None:
         """Take in a frame."""
-        self.size = frame.image.shape[1], frame.image.shape[0]
+        size = frame.image.shape[1], frame.image.shape[0]
+        if size != self.size:  # where people were means nothing any more
+            self.size, self._frames = size, []
+            self._tracker = Tracker(*self._networks, most=1)
         seen = self._tracker(frame.image, frame.time)
         self.body = seen[0].bodies[-1] if seen else None
         self._frames.append(frame.time)
@@ -52,6 +57,14 @@ class PoseStream:
         for track in self._tracker.tracks:
             while track.times and track.times[0] < oldest:
                 del track.times[0], track.bodies[0]
+
+    def remember(self, seconds: float) -> None:
+        """From now on so much, where that is more."""
+        self._seconds = max(self._seconds, seconds)
+
+    def lose(self) -> None:
+        """There is no picture: nobody is seen."""
+        self.body = None
 
     def clip(self) -> Clip | None:
         """The remembered seconds as far back as the person was followed without a break.
@@ -90,46 +103,61 @@ class VideoStream:
 
     seen = False
 
-    def __init__(self, source: int | str | Path, quality: str, seconds: float) -> None:
-        """Open the source; of it so many seconds are remembered.
+    def __init__(
+        self,
+        source: int | str | Path,
+        quality: str,
+        seconds: float,
+        retry: float = RETRY_SECONDS,
+        note: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        """Open the source, see `open_source`; of it so many seconds are remembered.
 
         Raises:
             ClipError: it cannot be opened.
+            UsageError: it is no kind of source.
         """
-        self._poses = PoseStream(quality, seconds)
-        self._source, self._begun = open_source(source), time.monotonic()
+        self._source = open_source(source, retry, note)
+        self._poses, self._begun = PoseStream(quality, seconds), time.monotonic()
 
     def times(self) -> Iterator[float]:
         """As frames come."""
         source = self._source
         frames = source.frames() if isinstance(source, LiveSource) else file_frames(source)
         for frame in frames:
-            self._poses.add(frame)
+            if isinstance(frame, Frame):
+                self._poses.add(frame)
+            else:
+                self._poses.lose()
             self.seen = self._poses.body is not None
-            yield frame.time
+            yield frame.time if isinstance(frame, Frame) else frame
 
     def clip(self) -> Clip | None:
         """The last seconds."""
         return self._poses.clip()
 
+    def remember(self, seconds: float) -> None:
+        """Keep so many seconds from now on, at least."""
+        self._poses.remember(seconds)
+
     def state(self, now: float) -> str:
         """The time left in a file, or the frames that a camera dropped."""
         source = self._source
         if isinstance(source, LiveSource):
-            return f"{source.dropped} dropped"
+            return "no picture" if source.silent else f"{source.dropped} dropped"
         spent = time.monotonic() - self._begun
         left = spent * max(source.duration / max(now, 1e-3) - 1, 0)
         return f"{left:.0f} s left" if source.duration else ""
 
     def end(self, frames: int) -> str | None:
-        """What a file lacks, or that the stream has ended.
+        """What a file lacks; a camera has no end.
 
         Raises:
             ClipError: not even two frames.
         """
         source = self._source
         if isinstance(source, LiveSource):
-            return "the stream has ended"
+            return None
         if frames < 2:
             shown = "one frame" if frames else "no frame that can be decoded"
             raise ClipError(f"{source.path}: {shown}; an action needs a moving sequence.")
@@ -139,18 +167,6 @@ class VideoStream:
         """Release a camera."""
         if isinstance(self._source, LiveSource):
             self._source.close()
-
-
-def open_source(source: int | str | Path) -> LiveSource | VideoFile:
-    """A camera by its number, an address such as rtsp://host/stream, or a video file.
-
-    Raises:
-        ClipError: it cannot be opened.
-    """
-    name = str(source)
-    if name.isdecimal():
-        return LiveSource(int(name))
-    return LiveSource(name) if "://" in name else VideoFile(Path(name))
 
 
 def file_frames(video: VideoFile) -> Iterator[Frame]:

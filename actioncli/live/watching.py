@@ -11,6 +11,7 @@ from actioncli.clips.clip import Clip
 from actioncli.clips.edit import cut
 from actioncli.errors import ClipError
 from actioncli.live.events import STRIDE, Event, EventDetector
+from actioncli.pose import RETRY_SECONDS
 from actioncli.recognition.support import SupportSet
 
 if TYPE_CHECKING:
@@ -38,6 +39,9 @@ class Stream(Protocol):
     def clip(self) -> Clip | None:
         """The last seconds, ending with the last frame; None while nobody is followed."""
 
+    def remember(self, seconds: float) -> None:
+        """Keep so many seconds from now on, at least."""
+
     def state(self, now: float) -> str:
         """How the stream is doing, for people."""
 
@@ -54,10 +58,11 @@ class Stream(Protocol):
 
 def watch(
     source: int | str | Path | Clip,
-    support: SupportSet,
+    support: SupportSet | Callable[[], SupportSet],
     tau: float | None = None,
     *,
     quality: str = DEFAULT_QUALITY,
+    retry: float = RETRY_SECONDS,
     recorder: Recorder | None = None,
     on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
     note: Callable[[str], None] | None = None,
@@ -70,26 +75,32 @@ def watch(
     Args:
         source: number of a camera, a video file, the address of a stream, or a clip, whose joints
             are taken as if they came one frame after another.
-        support: what is enrolled.
+        support: what is enrolled; or what gives it, such as a `FollowedSupport`, and is asked at
+            each look: what is enrolled, removed or calibrated meanwhile counts at once.
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         quality: pose network, "fast" or "accurate".
+        retry: seconds for which a camera or a stream that breaks is opened again.
         recorder: keeps the clips of events and near misses.
         on_frame: called after each frame, with its time.
-        note: called at the end with what a person should know.
+        note: called with what a person should know.
 
     Raises:
         ClipError: the source cannot be opened, or is lost; after the last event.
+        UsageError: an address of a kind that sends no pictures.
         SupportError: no action is enrolled.
     """
-    support.require_actions()
-    detector = EventDetector(support if tau is None else support.with_tau(tau))
+    follow = support if callable(support) else (lambda: support)
+    enrolled = follow()
+    enrolled.require_actions()
+    detector = EventDetector(enrolled if tau is None else enrolled.with_tau(tau))
     stream: Stream
     if isinstance(source, Clip):
         stream = _ClipStream(source, max(detector.windows) + 1)
     else:
         from actioncli.live.stream import VideoStream
 
-        stream = VideoStream(source, quality, max(detector.windows) + 1)
+        hear = note or (lambda line: None)
+        stream = VideoStream(source, quality, max(detector.windows) + 1, retry, hear)
     looked, frames, seen, now = -STRIDE, 0, 0, 0.0
     lost: ClipError | None = None
     with closing(stream):
@@ -99,7 +110,15 @@ def watch(
                 seen += stream.seen
                 if now - looked >= STRIDE:
                     looked = now
-                    clip = stream.clip()
+                    if (changed := follow()) is not enrolled:
+                        enrolled = changed
+                        current = enrolled if tau is None else enrolled.with_tau(tau)
+                        detector.follow(current)
+                        stream.remember(max(detector.windows) + 1)
+                        if recorder is not None:
+                            recorder.threshold = current.threshold
+                    # Where nothing is enrolled any more, nobody can do it.
+                    clip = stream.clip() if enrolled.actions else None
                     over = detector.update(clip, now)
                     yield from over
                     if recorder is not None:
@@ -160,6 +179,10 @@ class _ClipStream:
             return cut(self._clip, max(self._now - self._seconds, 0.0), self._now)
         except ClipError:  # nothing has moved
             return None
+
+    def remember(self, seconds: float) -> None:
+        """Keep so many seconds from now on, at least."""
+        self._seconds = max(self._seconds, seconds)
 
     def state(self, now: float) -> str:
         """How much is left."""

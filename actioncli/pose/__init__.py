@@ -5,3 +5,6 @@ VIDEO_SUFFIXES = frozenset(
     {".3gp", ".avi", ".gif", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ogv", ".ts",
      ".webm", ".wmv"}
 )  # fmt: skip
+# Seconds for which a camera or a stream that breaks is opened again: a router, or a camera in the
+# network, that starts anew takes a minute or two.
+RETRY_SECONDS = 120.0

@@ -6,6 +6,7 @@ import contextlib
 import math
 import os
 import queue
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ USUAL_FPS = 30.0
 HIGHEST_FPS = 1000.0
 # Pixels; twice those of an 8K video.
 LARGEST_FRAME = 64 * 10**6
+# Seconds that an address has to answer, and that it may send nothing.
+OPENING, PATIENCE = 10.0, 5.0
 # OpenCV's lowest level of logging.
 _SILENT = 0
 
@@ -53,9 +56,18 @@ def quiet() -> Iterator[None]:
 
 def opened(source: str | int, backend: int) -> cv2.VideoCapture:
     """Open a file, an address or a camera, quietly."""
+    limits = []
+    if backend == cv2.CAP_FFMPEG:
+        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(1000 * OPENING)]
+        limits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(1000 * PATIENCE)]
     with quiet():
         given = name_for_opencv(source) if isinstance(source, str) else source
-        return cv2.VideoCapture(given, backend)
+        return cv2.VideoCapture(given, backend, limits)
+
+
+def without_password(address: object) -> str:
+    """The name of a source, or an address, as it may be shown and kept."""
+    return re.sub(r"(://)[^/@]*@", r"\1", str(address))
 
 
 def name_for_opencv(name: str) -> str:
@@ -83,6 +95,7 @@ class VideoFile:
     frame rate is followed.
 
     Attributes:
+        path: of the file, or the address without a password.
         fps: nominal frame rate.
         duration: announced length in seconds, 0 where the file does not tell.
         announced: frames that the file says it has, 0 where it does not tell.
@@ -90,31 +103,23 @@ class VideoFile:
         ended: whether the end has been reached.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Open.
+    def __init__(self, path: Path | str) -> None:
+        """Open a file; as text, its address.
 
         Raises:
             ClipError: no such file, not readable, or not a video.
         """
-        self.path = path
-        if path.is_dir():
-            raise ClipError(f"{path}: is a folder; a video is needed, or a folder that holds some.")
-        try:
-            # A pipe or a device could keep the reader waiting for ever.
-            if path.exists() and not (path.is_file() or path.is_dir()):
-                raise ClipError(f"{path}: is not a regular file; save the video as one.")
-            with path.open("rb") as file:
-                empty = not file.read(1)
-        except OSError as error:
-            raise ClipError(f"{path}: cannot read the video: {error.strerror}.") from error
-        if empty:
-            raise ClipError(f"{path}: the file is empty.")
-        # FFmpeg takes a name that begins like `http:` for an address; an absolute one never does.
-        self._capture = opened(str(path.absolute()), cv2.CAP_FFMPEG)
+        self.path: Path | str = path if isinstance(path, Path) else without_password(path)
+        if isinstance(path, Path):
+            _check_file(path)
+            # FFmpeg takes a name like `http:` for an address; an absolute one never is.
+            self._capture = opened(str(path.absolute()), cv2.CAP_FFMPEG)
+        else:
+            self._capture = opened(path, cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
             raise ClipError(
-                f"{path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF can, "
-                "if the file is complete."
+                f"{self.path}: not a video that can be decoded; MP4, MOV, AVI, MKV, WebM and GIF "
+                "can, if the file is complete."
             )
         width, height = (
             self._capture.get(side)
@@ -123,7 +128,7 @@ class VideoFile:
         if width * height > LARGEST_FRAME:
             self._capture.release()
             raise ClipError(
-                f"{path}: its frames have {width:.0f} x {height:.0f} pixels, more than the "
+                f"{self.path}: its frames have {width:.0f} x {height:.0f} pixels, more than the "
                 f"{LARGEST_FRAME // 10**6} million that are looked at; save it smaller."
             )
         self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
@@ -210,3 +215,23 @@ class VideoFile:
             f"the file announces {self.announced} frames and {self.decoded} could be decoded; "
             "it may be cut off or damaged"
         )
+
+
+def _check_file(path: Path) -> None:
+    """Refuse what cannot be a video.
+
+    Raises:
+        ClipError: no such file, not readable, or not a regular one.
+    """
+    if path.is_dir():
+        raise ClipError(f"{path}: is a folder; a video is needed, or a folder that holds some.")
+    try:
+        # A pipe or a device could keep the reader waiting for ever.
+        if path.exists() and not path.is_file():
+            raise ClipError(f"{path}: is not a regular file; save the video as one.")
+        with path.open("rb") as file:
+            empty = not file.read(1)
+    except OSError as error:
+        raise ClipError(f"{path}: cannot read the video: {error.strerror}.") from error
+    if empty:
+        raise ClipError(f"{path}: the file is empty.")

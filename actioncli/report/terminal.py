@@ -1,4 +1,4 @@
-"""Poses in a terminal: braille patterns, eight dots to a character."""
+"""Poses in a terminal: braille patterns, eight dots to a character; and pictures, two to one."""
 
 from __future__ import annotations
 
@@ -50,6 +50,23 @@ def strip_lines(figure: Figure, columns: int, colours: bool, braille: bool = Tru
     times = [f"{frame / figure.fps:.1f} s".center(_COLUMNS) for frame in frames]
     lines.append("".join(times).rstrip())
     return lines
+
+
+def picture_lines(image: NDArray[np.uint8], columns: int) -> list[str]:
+    """A BGR picture (H, W, 3) as half blocks in true colour: two points to a character."""
+    height, width = image.shape[:2]
+    across = (np.arange(columns) + 0.5) * width / columns
+    rows = max(round(columns * height / width / 2), 1)
+    down = (np.arange(2 * rows) + 0.5) * height / (2 * rows)
+    points = image[down.astype(int)[:, np.newaxis], across.astype(int), ::-1]
+    return [
+        "".join(
+            "\x1b[38;2;{};{};{};48;2;{};{};{}m\u2580".format(*above, *below)
+            for above, below in zip(upper, lower, strict=True)
+        )
+        + "\x1b[0m"
+        for upper, lower in zip(points[::2], points[1::2], strict=True)
+    ]
 
 
 def _cells(

@@ -52,7 +52,7 @@ class Camera:
         self.tau: float | None = None
         self._detector: EventDetector | None = None
         self._used: tuple[SupportSet, float | None] | None = None
-        self._poses, self._memory = PoseStream(DEFAULT_QUALITY, _MEMORY), _MEMORY
+        self._poses = PoseStream(DEFAULT_QUALITY, _MEMORY)
         self._time, self._looked = -math.inf, -math.inf
 
     def frame(self, message: bytes) -> dict[str, Any]:
@@ -91,14 +91,16 @@ class Camera:
         if self._used == (loaded, self.tau):
             return
         self._used = loaded, self.tau
-        self._detector = None
-        if loaded.actions:
-            support = loaded if self.tau is None else loaded.with_tau(self.tau)
-            self._threshold = support.threshold
+        support = loaded if self.tau is None else loaded.with_tau(self.tau)
+        self._threshold = support.threshold
+        if not loaded.actions:
+            self._detector = None
+        elif self._detector is None:
             self._detector = EventDetector(support)
-            needed = max(self._detector.windows) + 1
-            if needed > self._memory:
-                self._poses, self._memory = PoseStream(DEFAULT_QUALITY, needed), needed
+        else:
+            self._detector.follow(support)
+        if self._detector is not None:
+            self._poses.remember(max(self._detector.windows) + 1)
 
     def _message(self, over: list[Event]) -> dict[str, Any]:
         body, (width, height) = self._poses.body, self._poses.size

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 from typing import Any
 
 from actioncli.calibration.enrolment import Enrolled, enrol
 from actioncli.clips.clip import Clip
+from actioncli.recognition.followed import FollowedSupport
 from actioncli.recognition.recognizer import Recognizer
-from actioncli.recognition.support import SupportSet
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.store.store import SupportStore
@@ -21,6 +20,8 @@ class SharedSupport:
     Attributes:
         store: where examples are kept.
         recognizer: what compares.
+        loaded: gives what is enrolled now.
+        version: gives a text that changes when the store does.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -32,30 +33,8 @@ class SharedSupport:
         """
         self.store = SupportStore(path)
         self.recognizer = Recognizer()
-        self._lock = threading.Lock()
-        self._loaded: SupportSet | None = None
-        self._seen = ""
-
-    def version(self) -> str:
-        """Changes when the store does, whoever changes it."""
-        try:
-            status = self.store.path.stat()
-        except OSError:
-            return "none"
-        return f"{status.st_ino:x}-{status.st_mtime_ns:x}-{status.st_size:x}"
-
-    def loaded(self) -> SupportSet:
-        """What is enrolled now.
-
-        Raises:
-            StoreError: the store cannot be read.
-        """
-        with self._lock:
-            version = self.version()
-            if self._loaded is None or self._seen != version:
-                self._loaded = SupportSet.load(self.store, self.recognizer)
-                self._seen = version
-            return self._loaded
+        self.loaded = FollowedSupport(self.store, self.recognizer)
+        self.version = self.loaded.version
 
     def state(self) -> dict[str, Any]:
         """All that is enrolled, in words."""

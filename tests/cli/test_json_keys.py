@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from pose.videos import numbered, write_video
 
 from actioncli import SupportStore
 
@@ -22,6 +23,7 @@ CALLS: dict[str, list[list[str]]] = {
     "import": [["FILE"]],
     "remove": [["bow", "--yes"]],
     "clear": [["--yes"]],
+    "cameras": [["FILE", "none.mp4"]],
     "doctor": [[], ["--repair"]],
 }
 
@@ -57,6 +59,8 @@ def test_keys_are_the_documented_ones(
     file = tmp_path / "actions.safetensors"
     if command == "import":
         filled.export(file)
+    if command == "cameras":
+        file = write_video(tmp_path / "a.mp4", numbered(3))
     if command == "doctor":
         content = bytearray(filled.path.read_bytes())
         content[len(content) // 2] ^= 1

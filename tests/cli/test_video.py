@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -18,13 +19,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from pose.videos import streamed, write_video
+from live.servers import broker, free_port, hook, subscribed, until
+from pose.videos import answering, hosted, part, streamed, write_video
 
 from actioncli import SupportStore, read_clip
 from actioncli.archives.processes import cores
 from actioncli.cli import camera
 from actioncli.clips.edit import cut
+from actioncli.errors import ClipError
 from actioncli.pose import video as pose_video
+from actioncli.pose.camera import LiveSource
 from actioncli.pose.frames import Frame, VideoFile
 
 from .conftest import EXAMPLES, Ask, Invoke, Run
@@ -132,15 +136,138 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
     assert "wave  (confidence" in invoke("watch", waving, "--tau", 0).stdout
 
 
+def test_watch_sends_what_it_tells(
+    invoke: Invoke, store: SupportStore, waving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("paho.mqtt", reason="needs the extra mqtt")
+    pytest.importorskip("amqtt", reason="needs the extra dev")
+    store.enroll("wave", read_clip(waving, start=0.2, end=1.5))
+    port = free_port()
+    monkeypatch.setenv("ACTIONCLI_MQTT", f"mqtt://127.0.0.1:{port}/hall")
+    with broker(port), subscribed(port) as got, hook() as server:
+        words = ("watch", waving, "--json", "--tau", 0)
+        done = invoke(*words, "--webhook", f"http://127.0.0.1:{server.port}/")
+        until(lambda: ("hall/status", "offline") in got)
+        server.status = None  # hangs from now on
+        assert invoke(*words, "--webhook", f"http://127.0.0.1:{server.port}/").stdout == done.stdout
+    assert (done.exit_code, done.stderr) == (0, "")
+    [event] = map(json.loads, done.stdout.splitlines())
+    published = [document for topic, document in got if topic == "hall/action/wave"]
+    for document in (*published, *(posted for _, posted in server.posted)):
+        assert {**event, "time": document["time"]} == document
+    assert (len(published), len(server.posted)) == (2, 2)
+    assert "--beep rings the bell of a terminal" in invoke("watch", waving, "--beep").stderr
+
+
+@pytest.mark.usefixtures("unmeasured")
+def test_what_is_enrolled_meanwhile_counts(
+    store: SupportStore, waving: Path, invoke: Invoke
+) -> None:
+    store.enroll("squat", read_clip(EXAMPLES / "squat" / "ada.npz"))
+    pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
+    always = itertools.cycle([each for picture in pictures for each in (picture, 0.1)])
+    words = [sys.executable, "-m", "actioncli", "watch", "--json"]
+    with (
+        answering(always) as address,
+        subprocess.Popen(
+            [*words, address], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as watching,
+    ):
+        assert watching.stdout is not None
+        assert watching.stderr is not None
+        time.sleep(3)
+        assert invoke("enroll", "wave", waving, "--start", 0.2, "--end", 1.5).exit_code == 0
+        told = time.monotonic()
+        changed = "the support set has changed; enrolled now:"
+        assert watching.stderr.readline() == f"note: {address}: {changed} squat, wave\n"
+        assert time.monotonic() - told < 1.5
+        # Whoever does nothing else is seen to begin; what ends it is that it is removed.
+        time.sleep(2)
+        assert invoke("remove", "squat", "--yes").exit_code == 0
+        assert watching.stderr.readline() == f"note: {address}: {changed} wave\n"
+        content = store.path.read_bytes()
+        store.path.write_bytes(b"damaged" * 1000)
+        assert "What was enrolled before counts until then." in watching.stderr.readline()
+        store.path.write_bytes(content)
+        assert watching.stderr.readline() == f"note: {address}: {changed} wave\n"
+        watching.send_signal(signal.SIGINT)
+        events = [json.loads(line) for line in watching.communicate(timeout=60)[0].splitlines()]
+    assert watching.returncode == 0
+    assert {event["label"] for event in events} == {"wave"}
+
+
 def test_watch_a_stream_to_its_end(
     invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
 ) -> None:
     with streamed((frame.image for frame in VideoFile(waving).frames()), fps=10) as address:
-        done = invoke("watch", address, "--json", "--tau", 0)
-    assert done.exit_code == 0, done.stderr
-    events = [json.loads(line) for line in done.stdout.splitlines()]
+        done = invoke("watch", address, "--json", "--tau", 0, "--retry", 0)
+    assert done.exit_code == 3, done.stderr
+    *events, error = [json.loads(line) for line in json_lines(done.stdout)]
     assert all(0 <= event["start"] < event["end"] < 60 for event in events)
-    assert f"note: {address}: the stream has ended\n" in done.stderr
+    assert error["error"]["message"] == f"{address}: the picture has ended."
+
+
+def json_lines(text: str) -> list[str]:
+    """Documents on lines of their own; the error at the end takes several."""
+    *events, error = text.partition("{\n")[0].splitlines(), text.partition("{\n")[2]
+    return [*events[0], "{" + error]
+
+
+def test_watch_takes_a_stream_up_again(
+    invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
+) -> None:
+    pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
+    once: list[bytes | float] = [each for picture in pictures for each in (picture, 0.1)]
+    with answering(once, [*once, b"garbage"], []) as address:
+        done = invoke("watch", address.replace("//", "//me:secret@"), "--tau", 0, "--retry", 2)
+    assert done.exit_code == 3, done.stderr
+    again = f"note: {address}: the picture has ended; trying again for 2 s\n"
+    lost = f"error: {address}: the picture has ended, and was not back in 2 s.\n"
+    assert done.stderr == f"{again}note: {address}: the picture is back\n{again}{lost}"
+
+
+def test_a_video_at_an_address_is_none_of_a_camera(
+    invoke: Invoke, filled: SupportStore, waving: Path
+) -> None:
+    with hosted(waving.parent) as address:
+        done = invoke("watch", f"{address}wave.mp4", "--json", "--tau", 0)
+        assert (done.exit_code, done.stdout) == (
+            0,
+            invoke("watch", waving, "--json", "--tau", 0).stdout,
+        )
+        refused = invoke("enroll", "wave", "--camera", f"{address}wave.mp4")
+        assert refused.exit_code == 2
+        assert "wave.mp4: is a file: download it, and enrol it as one" in refused.stderr
+        refused = invoke("classify", f"{address}wave.mp4")
+        assert refused.exit_code == 3
+        assert (
+            f"download it first, or watch it: actioncli watch {address}wave.mp4" in refused.stderr
+        )
+
+
+def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None:
+    pictures: list[bytes | float] = [part(frame.image) for frame in VideoFile(waving).frames()]
+    with answering([*pictures, 60.0]) as address:
+        words = ("cameras", address, waving, "/dev/null", "--stills", tmp_path)
+        document, done = ask(*words), invoke(*words)
+    at_address, video, device = document["cameras"]
+    for entry in (at_address, video):
+        still = Path(entry["still"])
+        assert cv2.imread(str(still)).shape[:2] == (entry["height"], entry["width"]) == (320, 320)
+        assert os.name != "posix" or still.stat().st_mode & 0o777 == 0o600
+    assert "/dev/null: cannot be opened" in device["error"]["message"]
+    assert done.exit_code == 3
+    assert f"{address}  320 x 320\n" in done.stdout
+    assert invoke("cameras").exit_code == 0  # whatever this machine has
+    assert invoke("cameras", "--stills", tmp_path / "none").exit_code == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
+def test_cameras_draws_on_a_terminal(waving: Path) -> None:
+    shown, code = on_terminal(waving, command="cameras")
+    assert code == 0
+    rows = [line for line in screen_lines(shown) if set(line) == {"\u2580"}]
+    assert len(rows) == 24
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
@@ -243,10 +370,12 @@ def test_watch_tells_what_there_was_not(
     assert "s that the quickest performance would take" in done.stderr
 
 
-def on_terminal(waving: Path, *more: str, **streams: int) -> tuple[bytes, int]:
-    """What `watch` writes to a terminal, and its exit code."""
+def on_terminal(
+    waving: Path, *more: str, command: str = "watch", **streams: int
+) -> tuple[bytes, int]:
+    """What a command writes to a terminal, and its exit code."""
     terminal, side = os.openpty()
-    words = [sys.executable, "-m", "actioncli", "watch", str(waving), *more]
+    words = [sys.executable, "-m", "actioncli", command, str(waving), *more]
     with subprocess.Popen(words, **{"stdout": side, "stderr": side, **streams}) as watching:
         os.close(side)
         shown = b""
@@ -256,6 +385,14 @@ def on_terminal(waving: Path, *more: str, **streams: int) -> tuple[bytes, int]:
         os.close(terminal)
         watching.communicate()
     return shown, watching.returncode
+
+
+def screen_lines(shown: bytes) -> list[str]:
+    """What is left on the screen."""
+    pyte = pytest.importorskip("pyte", reason="needs the extra dev")
+    screen = pyte.Screen(100, 40)
+    pyte.ByteStream(screen).feed(shown)
+    return [line.strip() for line in screen.display if line.strip()]
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
@@ -271,31 +408,39 @@ def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Path) -> None:
     """Both streams go to one terminal, as they do for who just types the command."""
-    pyte = pytest.importorskip("pyte", reason="needs the extra dev")
     store.enroll(":wave:", read_clip(waving, start=0.2, end=1.5))
-    shown, code = on_terminal(waving, "--tau", "0")
-    assert code == 0
-    screen = pyte.Screen(100, 40)
-    pyte.ByteStream(screen).feed(shown)
-    left = [line.strip() for line in screen.display if line.strip()]
+    moved = shlex.join([sys.executable, "-c", "print('moved')"])
+    shown, code = on_terminal(waving, "--tau", "0", "--beep", "--exec", moved)
+    assert (code, shown.count(b"\a")) == (0, 1)
     event = r"\d+\.\d s  to +\d+\.\d s  :wave:  \(confidence [01]\.\d\d\)"
-    assert re.fullmatch(event, left[0]), left
-    assert not any("frames/s" in line for line in left)  # the view is gone
+    first, *rest = screen_lines(shown)
+    assert re.fullmatch(event, first), first
+    assert rest == ["moved"]  # and the view is gone
 
 
-class Paced:
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
+def test_a_person_at_a_terminal_sees_the_notes(filled: SupportStore, tmp_path: Path) -> None:
+    grey = write_video(tmp_path / "a.mp4", [np.full((64, 64, 3), 128, np.uint8)] * 40, 10)
+    shown, code = on_terminal(grey)
+    assert code == 0
+    [seen] = re.findall(r"note: .*", "".join(screen_lines(shown)))
+    assert seen.replace(" ", "").endswith("a.mp4:nobodywasseeninanyof40frames")  # over two lines
+
+
+class Paced(LiveSource):
     """A camera that shows a video: frames at the times at which they would come."""
 
     dropped = 0
     video: Path
 
-    def __init__(self, source: int | str) -> None:
-        self.source = source
+    def __init__(self, source: int, *_: object) -> None:
+        self.name = f"camera {source}"
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[Frame | float]:
         for frame in VideoFile(self.video).frames():
             time.sleep(0.01)
             yield frame
+        raise ClipError(f"{self.name}: the picture has ended.")
 
     def close(self) -> None:
         """Nothing is held."""
@@ -303,7 +448,7 @@ class Paced:
 
 @pytest.fixture
 def at_camera(monkeypatch: pytest.MonkeyPatch) -> type[Paced]:
-    monkeypatch.setattr(camera, "LiveSource", Paced)
+    monkeypatch.setattr("actioncli.pose.camera.LiveSource", Paced)
     monkeypatch.setattr(camera, "COUNTDOWN", 0.3)
     return Paced
 
@@ -312,7 +457,7 @@ def at_camera(monkeypatch: pytest.MonkeyPatch) -> type[Paced]:
     ("seconds", "seen", "message"),
     [
         (1, True, None),
-        (10, True, "camera 0: it stopped after 17 frames, before 10 s were recorded"),
+        (10, True, "camera 0: the picture has ended. Of 10 s, 17 frames were recorded; nothing is"),
         (1, False, "not in view in 11 of 11 frames; nothing is enrolled"),
     ],
 )
@@ -356,8 +501,6 @@ def test_the_commands_of_the_readme(
     at_camera: type[Paced],
 ) -> None:
     """All of its section on videos, in order; a recorded person stands before the camera."""
-    monkeypatch.setattr("actioncli.pose.camera.LiveSource", Paced)
-    monkeypatch.setattr("actioncli.live.stream.LiveSource", Paced)
     monkeypatch.chdir(tmp_path)
     videos = shared / "video"
     part_of(videos / "squat" / "darebeeW.mp4", tmp_path / "squat.mp4", 4)
@@ -373,8 +516,9 @@ def test_the_commands_of_the_readme(
         if name == "review":  # whose keys tests/cli/test_review.py presses
             words.append("--json")
         done = invoke(name, *words)
-        # 1: somebody else's squat may be rejected.
-        assert done.exit_code in ((0, 1) if name == "classify" else (0,)), (line, done.stderr)
+        # 1: somebody else's squat may be rejected. 3: the camera has an end.
+        codes = {"classify": (0, 1), "watch": (3,)}.get(name, (0,))
+        assert done.exit_code in codes, (line, done.stderr)
     assert VideoFile(tmp_path / "seen.mp4").announced > 20
     assert read_clip(tmp_path / "squat.npz").joints.shape[1] == 33
     labels = json.loads(invoke("list-support", "--json").stdout)["actions"]

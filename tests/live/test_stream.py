@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,15 +16,19 @@ from actioncli.pose.frames import Frame, VideoFile
 from tests.pose.videos import number, numbered, real_frames, streamed, write_video
 
 
+def until_lost(source: LiveSource) -> Iterator[Frame | float]:
+    """Its frames; that it ends is an error."""
+    with pytest.raises(ClipError, match="the picture has ended"):
+        yield from source.frames()
+
+
 def test_a_live_source_gives_the_newest_and_drops_the_rest(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mp4", numbered(40))
     source = LiveSource(str(path))
-    taken = 0
-    for _ in source.frames():
-        taken += 1
+    taken = [frame for frame in until_lost(source) if isinstance(frame, Frame)]
     source.close()
-    assert taken >= 1
-    assert taken + source.dropped == 40
+    assert len(taken) >= 1
+    assert len(taken) + source.dropped == 40
 
 
 def test_late_frames_of_a_camera_are_dropped_and_never_queued() -> None:
@@ -31,7 +36,8 @@ def test_late_frames_of_a_camera_are_dropped_and_never_queued() -> None:
     with streamed(numbered(60, 192, 128), fps=60) as address:
         source = LiveSource(address)
         taken = []
-        for frame in source.frames():
+        for frame in until_lost(source):
+            assert isinstance(frame, Frame)
             taken.append((number(frame.image), frame.time))
             time.sleep(0.05)
         source.close()
@@ -44,11 +50,12 @@ def test_late_frames_of_a_camera_are_dropped_and_never_queued() -> None:
 
 
 def test_a_stream_that_stalls_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(streams, "_PATIENCE", 1.5)
+    monkeypatch.setattr(streams, "PATIENCE", 1.5)
     with streamed(numbered(20), fps=60, stall=30) as address:
         source = LiveSource(address)
         with pytest.raises(ClipError, match=r"http://127.0.0.1:\d+/: no picture for 1.5 s"):
             list(source.frames())
+        assert source.silent
         begun = time.monotonic()
         source.close()
         assert time.monotonic() - begun < 5  # though nothing more comes

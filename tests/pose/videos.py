@@ -87,6 +87,89 @@ def slow_down_second_half(path: Path, times: int) -> None:
     path.write_bytes(data)
 
 
+MULTIPART = "multipart/x-mixed-replace; boundary=frame"
+
+
+def part(picture: Image | bytes, lie: int = 0) -> bytes:
+    """A picture, or anything else, as a camera's server sends it; its length wrong by `lie`."""
+    content = picture if isinstance(picture, bytes) else cv2.imencode(".jpg", picture)[1].tobytes()
+    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(content) + lie}\r\n\r\n"
+    return head.encode() + content + b"\r\n"
+
+
+@contextmanager
+def answering(
+    *answers: Iterable[bytes | float], kind: str = MULTIPART, port: int = 0
+) -> Iterator[str]:
+    """The address of a server whose connections get one answer after another, the last one again
+    and again: bytes to send, and seconds to wait. Where there is none, it hangs up."""
+    over, left = threading.Event(), list(answers)
+
+    class Server(BaseHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            """Nobody reads it."""
+
+        def do_GET(self) -> None:
+            if not left:
+                return
+            answer = left.pop(0) if len(left) > 1 else left[0]
+            try:
+                self.send_response(200)
+                self.send_header("Content-Type", kind)
+                self.end_headers()
+                for each in answer:
+                    if isinstance(each, bytes):
+                        self.wfile.write(each)
+                    else:
+                        over.wait(each)
+                    if over.is_set():
+                        return
+            except (BrokenPipeError, ConnectionResetError):
+                return  # the viewer has gone
+
+    with ThreadingHTTPServer(("127.0.0.1", port), Server) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            over.set()
+            server.shutdown()
+            thread.join()
+
+
+@contextmanager
+def hosted(folder: Path) -> Iterator[str]:
+    """The address of a folder on a web server, which answers for parts of files too."""
+
+    class Files(BaseHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            """Nobody reads it."""
+
+        def do_GET(self) -> None:
+            content = (folder / self.path.strip("/")).read_bytes()
+            start = int(self.headers.get("Range", "bytes=0-").removeprefix("bytes=").split("-")[0])
+            self.send_response(206)
+            self.send_header("Accept-Ranges", "bytes")
+            last = len(content) - 1
+            self.send_header("Content-Range", f"bytes {start}-{last}/{len(content)}")
+            self.send_header("Content-Length", str(len(content) - start))
+            self.end_headers()
+            try:
+                self.wfile.write(content[start:])
+            except OSError:
+                return  # the viewer has gone
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Files) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+        thread.join()
+
+
 @contextmanager
 def streamed(images: Iterable[Image], fps: float, stall: float = 0.0) -> Iterator[str]:
     """The address of a camera on this machine that sends JPEGs at their pace, as many cameras do.

@@ -33,7 +33,7 @@ def test_a_label_arrives_as_it_is_in_the_environment_alone(
     Path("program.py").write_text(PROGRAM)
     run = CommandRunner(f"{sys.executable} program.py 'a b' $ACTIONCLI_LABEL ;", print)
     run(Event(label, 1.0, 2.5, 0.75))
-    run.wait()
+    run.close()
     arguments, told = json.loads(Path("told").read_text())
     # No shell reads the command either: what looks like a variable is a word.
     assert arguments == ["a b", "$ACTIONCLI_LABEL", ";"]
@@ -49,7 +49,7 @@ def test_a_shell_that_the_user_asks_for_gets_the_label_as_a_variable(
     monkeypatch.chdir(tmp_path)
     run = CommandRunner("""sh -c 'printf %s "$ACTIONCLI_LABEL" > told'""", print)
     run(Event("$(touch pwned); `touch pwned`", 1.0, 2.5, 0.75))
-    run.wait()
+    run.close()
     assert Path("told").read_text() == "$(touch pwned); `touch pwned`"
     assert not Path("pwned").exists()
 
@@ -64,7 +64,7 @@ def test_what_the_system_cannot_run_does_not_end_watching(
     run(Event("wave", 1.0, 2.5, 0.75))
     script.unlink()
     run(Event("wave", 3.0, 4.5, 0.75))
-    run.wait()
+    run.close()
     first, second = capfd.readouterr().err.splitlines()
     assert first == f"error: --exec {script}: cannot be run: Exec format error."
     assert second == f"error: --exec {script}: cannot be run: No such file or directory."
