@@ -28,12 +28,15 @@ _REST = 1.5
 _SHORTEST = 0.5
 
 
-def active_part(clip: Clip) -> tuple[float, float]:
+def active_part(clip: Clip, rest: float = _REST) -> tuple[float, float]:
     """When the person moves, in seconds from the clip's beginning.
 
     The limbs' speed, relative to the pelvis and in torso lengths, decides. Of several parts with
     longer rests in between, the one with most motion is taken. Where nobody was seen for long
     (confidence 0 throughout), no part goes across. A clip without motion is active as a whole.
+
+    Args:
+        rest: seconds of standing still that separate two parts.
 
     Returns:
         Start and end; (0, duration) if there is nothing to leave out.
@@ -47,7 +50,7 @@ def active_part(clip: Clip) -> tuple[float, float]:
     fast = float(np.percentile(speed[seen], 95))
     moving = seen & (speed > max(_SHARE_OF_FAST * fast, _STILL))
     best, most = (0.0, clip.duration), 0.0
-    for first, last in _stretches(moving, seen, round(_REST * clip.fps)):
+    for first, last in _stretches(moving, seen, round(rest * clip.fps)):
         motion = float(speed[first : last + 1].sum())
         if last - first >= _SHORTEST * clip.fps and motion > most:
             margin = round(_MARGIN * clip.fps)

@@ -36,6 +36,8 @@ _LOOKS_BACK, _NEIGHBOURS = 0.2, 0.25
 _OVERLAP = 0.25
 # Log odds of a window that cannot be compared.
 _NEVER = -12.0
+# A window may begin in the motion before: standing still for longer than this parts the two.
+_PAUSE = 0.8
 # Events of one action follow each other in a set where the rest between them is no longer than
 # the last one, or than this many seconds.
 _REST = 2.0
@@ -178,15 +180,18 @@ class EventDetector:
         if event is None:
             return []
         last = self._last
-        if last is not None and last.label == event.label:
-            rest = event.start - last.end
-            if rest <= max(_REST, last.end - last.start):
+        if last is not None:
+            event = replace(event, start=max(event.start, last.end))
+            close = event.start - last.end <= max(_REST, last.end - last.start)
+            if last.label == event.label and close:
                 event = replace(event, repetitions=last.repetitions + 1)
         self._last = event
         return [event]
 
     def _candidates(self, now: float) -> list[Candidate]:
         """Windows whose nearest is an action that they fit, surest first."""
+        if not self._support:
+            return []
         looks = np.array(self._looks)
         mean = np.stack([looks[-back:, row].mean(axis=0) for row, back in enumerate(self._back)])
         beside = np.stack(
@@ -205,5 +210,5 @@ class EventDetector:
     def _bounded(seen: Candidate, clip: Clip, now: float) -> Event:
         """A match from when to when the person moves in its window."""
         begin = clip.duration - (now - seen.start)
-        start, end = active_part(cut(clip, begin, clip.duration))
+        start, end = active_part(cut(clip, begin, clip.duration), _PAUSE)
         return Event(seen.label, seen.start + start, seen.start + end, seen.confidence)

@@ -1,16 +1,19 @@
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from actioncli.clips.active import active_part
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.errors import SupportError
-from actioncli.live.events import STRIDE, Candidate, Event, EventDetector
+from actioncli.live.events import ODDS, STRIDE, Event, EventDetector
 from actioncli.live.watching import watch
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights
@@ -20,127 +23,9 @@ from actioncli.recognition.support import SupportSet
 from actioncli.recognition.threshold import Threshold
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-class Scripted(EventDetector):
-    """Sees what it is told to see, so that hysteresis can be tested by itself."""
-
-    def __init__(self, tau: float = 0.5) -> None:
-        self.windows = (1.0,)
-        self._threshold = Threshold(tau, "", {"bow": 0.9})
-
-    def _candidates(self, clip: Clip | None, now: float) -> tuple[Candidate, ...]:
-        return self.script
-
-    def run(self, *looks: Sequence[tuple[str, float]]) -> list[Event]:
-        found = []
-        for n, look in enumerate(looks):
-            now = n * STRIDE
-            self.script = tuple(Candidate(label, sure, now - 1) for label, sure in look)
-            found += self.update(CLIP, now)
-        return found + self.finish()
-
-    def see(self, now: float, *sightings: Candidate) -> list[Event]:
-        self.script = sightings
-        return self.update(CLIP, now)
-
-
-CLIP = Clip(np.random.default_rng(0).random((5, 15, 3)), DEFAULT_JOINTS)
-NOTHING: list[tuple[str, float]] = []
-
-
-def test_one_performance_is_one_event() -> None:
-    wave = [("wave", 0.9)]
-    (event,) = Scripted().run(NOTHING, wave, wave, [("wave", 0.45)], wave, *[NOTHING] * 5)
-    assert event.label == "wave"
-    assert event.confidence == 0.9
-    assert event.start == 0  # no earlier than the stream
-    assert event.end == pytest.approx(1.0)
-
-
-def test_a_single_look_is_no_event() -> None:
-    assert Scripted().run([("wave", 0.9)], NOTHING, [("wave", 0.9)], NOTHING) == []
-
-
-def test_the_threshold_counts() -> None:
-    assert Scripted(0.95).run(*[[("wave", 0.9)]] * 6) == []
-
-
-def test_a_rest_separates_two_performances() -> None:
-    wave = [("wave", 0.9)]
-    events = Scripted().run(wave, wave, *[NOTHING] * 4, wave, wave, wave)
-    assert [event.label for event in events] == ["wave", "wave"]
-    assert events[1].start >= events[0].end
-
-
-def test_another_action_ends_the_first() -> None:
-    wave, squat = [("wave", 0.9), ("squat", 0.2)], [("squat", 0.8), ("wave", 0.6)]
-    events = Scripted().run(wave, wave, wave, squat, squat, squat)
-    assert [event.label for event in events] == ["wave", "squat"]
-    assert events[1].start >= events[0].end
-
-
-def test_a_short_doubt_does_not_end_it() -> None:
-    wave, squat = [("wave", 0.9)], [("squat", 0.95), ("wave", 0.6)]
-    events = Scripted().run(wave, wave, squat, wave, wave)
-    assert [event.label for event in events] == ["wave"]
-
-
-def test_an_event_begins_with_the_second_look_in_a_row() -> None:
-    detector = Scripted()
-    assert (detector.current, detector.finish()) == (None, [])
-    assert detector.see(3.0, Candidate("wave", 0.8, 2.0)) == []
-    assert detector.current is None
-    assert detector.see(3.25, Candidate("wave", 0.7, 1.5), Candidate("squat", 0.6, 2.0)) == []
-    assert detector.current == Event("wave", 1.5, 3.25, 0.8)
-    assert detector.finish() == [Event("wave", 1.5, 3.25, 0.8)]
-    assert detector.current is None
-
-
-def test_looks_at_different_actions_are_not_in_a_row() -> None:
-    wave, squat = [("wave", 0.9)], [("squat", 0.9)]
-    assert Scripted().run(wave, squat, wave, squat, NOTHING, wave, NOTHING, wave) == []
-
-
-def test_confidence_must_exceed_the_threshold_of_the_action() -> None:
-    assert Scripted().run(*[[("wave", 0.5)]] * 6) == []
-    assert Scripted().run(*[[("wave", 0.51)]] * 6) != []
-    assert Scripted().run(*[[("bow", 0.9)]] * 6) == []
-    assert Scripted().run(*[[("bow", 0.91)]] * 6) != []
-
-
-@pytest.mark.parametrize(("label", "tau"), [("wave", 0.5), ("bow", 0.9)])
-def test_an_event_ends_with_the_third_look_that_does_not_hold_it(label: str, tau: float) -> None:
-    detector = Scripted()
-    high, low = Candidate(label, tau + 0.05, 0), Candidate(label, 0.8 * tau, 0)
-    holding = Candidate(label, 0.81 * tau, 0)
-    for look in range(5):
-        assert detector.see(look, high) == []
-    # Every look that holds it starts the count anew, and the end is when it was held last.
-    looks = [low, holding, low, low, holding, Candidate(label, tau + 0.08, 0), low, low]
-    for look, seen in enumerate(looks, 5):
-        assert detector.see(look, seen) == []
-    assert detector.current == Event(label, 0, 10, tau + 0.08)
-    assert detector.see(20, low) == [Event(label, 0, 10, tau + 0.08)]
-    assert detector.current is None
-    # The next one begins after it, whatever its window says.
-    assert detector.see(21, high) == []
-    assert detector.see(22, high) == []
-    assert detector.current == Event(label, 10, 22, tau + 0.05)
-
-
-def test_an_event_is_held_by_its_own_action_only() -> None:
-    detector = Scripted()
-    wave, squat = Candidate("wave", 0.9, 0), Candidate("squat", 0.6, 0)
-    for look in range(3):
-        detector.see(look, wave)
-    # Not the surest, but sure enough.
-    assert detector.see(3, Candidate("bow", 0.89, 0), wave) == []
-    assert detector.current == Event("wave", 0, 3, 0.9)
-    assert detector.see(4, squat) == []
-    assert detector.current == Event("wave", 0, 3, 0.9)
-    assert detector.see(5, squat, wave) == [Event("wave", 0, 3, 0.9)]
-    assert detector.current == Event("squat", 3, 5, 0.6)
+# Windows of 22, 32 and 45 frames between the first and the last.
+FPS, LENGTHS = 16, (1.4, 1.4 * 2**0.5, 2.8)
+SECONDS = 2.0
 
 
 class OnALine(Recognizer):
@@ -157,100 +42,295 @@ class OnALine(Recognizer):
         return Comparison(np.array(list(support)), distance, confidence, confidence)
 
 
-# Windows of 22, 32 and 45 frames between the first and the last.
-FPS, LENGTHS = 16, (1.4, 1.4 * 2**0.5, 2.8)
 LINE = OnALine(Weights(ModelConfig(), {}, {}, "", Path()))
-
-
-def until(now: float, frames: int = 160) -> Clip:
-    """Joints that are at x metres at x seconds; the middle of a window is its place."""
-    joints = np.zeros((frames, 1, 3))
-    joints[:, 0, 0] = now - np.arange(frames)[::-1] / FPS
-    return Clip(joints, ["nose"], FPS)
 
 
 def at(*places: float) -> FloatArray:
     return np.array(places, np.float32).reshape(-1, 1, 1)
 
 
-def detector_of(
-    support: dict[str, FloatArray], tau: float, seconds: float, *negatives: float
-) -> EventDetector:
-    durations = dict.fromkeys(support, seconds)
-    return EventDetector(SupportSet(LINE, support, at(*negatives), durations, Threshold(tau, "")))
+def support_of(
+    places: Mapping[str, float], *negatives: float, tau: float = 0.5, seconds: float = SECONDS
+) -> SupportSet:
+    actions = {label: at(place) for label, place in places.items()}
+    thresholds = Threshold(tau, "", {"bow": 0.9})
+    durations = dict.fromkeys(actions, seconds)
+    return SupportSet(LINE, actions, at(*negatives), durations, thresholds)
 
 
-def spot(actions: dict[str, float], *negatives: float, clip: Clip) -> tuple[Candidate, ...]:
-    support = {label: at(place) for label, place in actions.items()}
-    detector = detector_of(support, 0.5, 2.0, *negatives)
-    assert detector.windows == pytest.approx(LENGTHS)
-    assert detector.ranking == ()
-    detector.update(clip, 10.0)
-    return detector.ranking
+def moving(now: float, begins: float = -math.inf, ends: float = math.inf) -> Clip:
+    """The last ten seconds of a stream in which somebody moves between two times."""
+    times = now - np.arange(10 * FPS + 1)[::-1] / FPS
+    swing = np.where((times >= begins) & (times <= ends), np.sin(8 * times), 0)
+    joints = np.zeros((len(times), 15, 3), np.float32)
+    joints[:] = np.random.default_rng(0).random((15, 3))
+    joints[:, DEFAULT_JOINTS.index("lwri"), 1] += swing
+    return Clip(joints, DEFAULT_JOINTS, FPS)
 
 
-def test_a_look_tells_the_best_window_of_each_action_surest_first() -> None:
-    # The first and the second window are equally near to bowing, the third is a squat.
-    near = (22 + 32) / 4 / FPS
-    found = spot({"squat": 10 - 45 / 2 / FPS, "bow": 10 - near, "jump": 2.0}, clip=until(10))
-    assert [each.label for each in found] == ["squat", "bow"]
-    assert [each.start for each in found] == pytest.approx([10 - LENGTHS[2], 10 - LENGTHS[0]])
-    assert [each.confidence for each in found] == pytest.approx([1, 1 / (1 + 10 / 4 / FPS)])
-    # A little nearer to the second.
-    (bow,) = spot({"bow": 10 - near - 0.01}, clip=until(10))
-    assert bow.start == pytest.approx(10 - LENGTHS[1])
+class Script:
+    """A detector that is told what a look says."""
+
+    def __init__(self, *labels: str, tau: float = 0.5) -> None:
+        self.labels = labels
+        self.detector = EventDetector(support_of(dict.fromkeys(labels, 0.0), tau=tau))
+        assert self.detector.windows == pytest.approx(LENGTHS)
+        self.now = 10.0
+
+    def see(
+        self,
+        sure: Mapping[str, float],
+        windows: Sequence[int] = (0, 1, 2),
+        clip: Clip | None = None,
+    ) -> list[Event]:
+        """A look at which these windows have these confidences, and all else none."""
+        odds = np.full((3, len(self.labels)), -12.0, np.float32)
+        for label, confidence in sure.items():
+            odds[list(windows), self.labels.index(label)] = math.log(confidence / (1 - confidence))
+        self.now += STRIDE
+        return self.detector.take(odds, clip or moving(self.now), self.now)
+
+    def rest(self, looks: int) -> list[Event]:
+        return [event for _ in range(looks) for event in self.see({})]
 
 
-def test_windows_are_looked_at_from_when_they_fit() -> None:
-    support = {"bow": 10.0, "squat": 8.0}
-    assert spot(support, clip=until(10, frames=22)) == ()
-    (bow,) = spot(support, clip=until(10, frames=23))
-    assert (bow.label, bow.start) == ("bow", pytest.approx(10 - LENGTHS[0]))
-    assert bow.confidence == pytest.approx(1 / (1 + 11 / FPS))
+WAVE = {"wave": 0.99}
 
 
-def test_windows_without_motion_are_passed_over() -> None:
-    moving = until(10).joints.copy()
-    moving[-24:] = moving[-24]
-    (bow,) = spot({"bow": 0.0}, clip=Clip(moving, ["nose"], FPS))
-    assert bow.start == pytest.approx(10 - LENGTHS[2])
+def test_a_match_is_told_when_it_has_stayed_the_best_for_a_while() -> None:
+    script = Script("wave")
+    assert script.see(WAVE) == []
+    assert script.detector.current is not None
+    begun = script.now
+    assert script.see({}) == []
+    (event,) = script.see({})
+    assert script.now - begun == pytest.approx(0.4)
+    assert event.label == "wave"
+    assert event.end == pytest.approx(begun, abs=0.1)
+    assert event.repetitions == 1
+    assert script.detector.current is None
+    assert script.rest(10) == []
 
 
-def test_windows_that_are_nearest_to_a_negative_show_no_action() -> None:
-    first, last = 10 - 11 / FPS, 10 - 45 / 2 / FPS
-    found = spot({"bow": first + 0.1, "squat": last}, first, 0.0, clip=until(10))
-    assert [each.label for each in found] == ["squat"]
+def test_what_is_told_is_the_best_of_what_overlaps() -> None:
+    script = Script("wave", "squat")
+    for sure in (0.95, 0.97, 0.995, 0.97):
+        assert script.see({"wave": sure}) == []
+    best = script.now - STRIDE
+    (event,) = script.see({"wave": 0.95})
+    assert event.end == pytest.approx(best, abs=0.1)
+    # Also if it is another action.
+    script = Script("wave", "squat")
+    script.see({"squat": 0.95})
+    script.see({"wave": 0.995})
+    assert [event.label for event in script.rest(4)] == ["wave"]
+
+
+def test_the_price_of_many_looks_is_in_the_confidence() -> None:
+    sure = 0.95
+    script = Script("wave")
+    script.see({"wave": sure})
+    (event,) = script.rest(3)
+    odds = sure / (1 - sure) / ODDS
+    assert event.confidence == pytest.approx(odds / (1 + odds), abs=1e-4)
+    assert script.detector.ranking == ()
+
+
+@pytest.mark.parametrize(("label", "tau"), [("wave", 0.5), ("bow", 0.9)])
+def test_confidence_must_exceed_the_threshold_of_the_action(label: str, tau: float) -> None:
+    odds = ODDS * tau / (1 - tau)
+    for factor, count in ((0.99, 0), (1.01, 1)):
+        script = Script(label)
+        confidence = factor * odds / (1 + factor * odds)
+        script.see({label: confidence})
+        assert len(script.rest(4)) == count
+
+
+def test_one_window_at_one_look_is_less_than_all_of_them() -> None:
+    script = Script("wave")
+    sure = {"wave": 0.9}
+    script.see({})
+    for _ in range(3):
+        script.see(sure)
+    assert len(script.rest(4)) == 1
+    script.see(sure, windows=[1])
+    assert script.rest(4) == []
+    # The longest window is averaged over three looks.
+    script.see(sure, windows=[2])
+    assert script.rest(4) == []
+
+
+def test_the_bounds_are_those_of_the_motion() -> None:
+    script = Script("wave")
+    clip = moving(10.2, 8.6, 9.8)
+    script.see(WAVE, windows=[2], clip=clip)
+    script.see(WAVE, windows=[2], clip=clip)
+    (event,) = script.detector.finish()
+    assert (event.start, event.end) == pytest.approx((8.6, 9.8), abs=0.35)
+
+
+def test_every_repetition_is_an_event_and_counted() -> None:
+    script = Script("wave", "squat")
+    found = []
+    for sure in (WAVE, WAVE, WAVE, {"squat": 0.99}):
+        found += script.see(sure, windows=[0])
+        found += script.rest(6)
+    assert [(event.label, event.repetitions) for event in found] == [
+        ("wave", 1), ("wave", 2), ("wave", 3), ("squat", 1),
+    ]  # fmt: skip
+    assert all(one.end <= other.start for one, other in pairwise(found))
+    found = script.see(WAVE, windows=[0]) + script.rest(30)
+    found += script.see(WAVE, windows=[0]) + script.rest(6)
+    assert [event.repetitions for event in found] == [1, 1]  # too long a rest
+
+
+def test_the_next_event_begins_where_the_last_one_ended() -> None:
+    script = Script("wave")
+    found = [event for _ in range(30) for event in script.see(WAVE)] + script.detector.finish()
+    assert 2 <= len(found) <= 5
+    for one, other in pairwise(found):
+        assert other.start >= one.end
+
+
+def test_a_match_that_does_not_overlap_tells_the_one_before() -> None:
+    script = Script("wave", "squat")
+    script.see(WAVE, windows=[0])
+    script.detector._matched = math.inf  # as if looks were that close
+    for _ in range(6):
+        assert script.see({}) == []
+    (event,) = script.see({"squat": 0.99}, windows=[0])
+    assert event.label == "wave"
+    assert script.detector.current is not None
+    assert script.detector.current.label == "squat"
+    assert [event.label for event in script.detector.finish()] == ["squat"]
+    assert script.detector.finish() == []
 
 
 def test_nobody_to_be_seen_is_nothing_to_be_found() -> None:
-    detector = detector_of({"bow": at(9.0)}, 0.1, 2.0)
-    assert detector.update(until(10), 10.0) == detector.update(until(10.25), 10.25) == []
-    assert detector.current is not None
-    assert [detector.update(None, 10.5 + look) for look in range(2)] == [[], []]
+    script = Script("wave")
+    script.see(WAVE)
+    found = []
+    for _ in range(3):
+        script.now += STRIDE
+        found += script.detector.update(None, script.now)
+    assert [event.label for event in found] == ["wave"]
+    assert script.detector.ranking == ()
+
+
+def look(actions: Mapping[str, float], *negatives: float, frames: int = 160) -> FloatArray:
+    """At joints that are at x metres at x seconds; the middle of a window is its place."""
+    joints = np.zeros((frames, 1, 3))
+    joints[:, 0, 0] = 10 - np.arange(frames)[::-1] / FPS
+    detector = EventDetector(support_of(actions, *negatives))
+    return detector.look(Clip(joints, ["nose"], FPS))
+
+
+def test_a_look_compares_every_window_with_every_action_and_negative() -> None:
+    places = [10 - frames / 2 / FPS for frames in (22, 32, 45)]
+    odds = look({"bow": 2.0, "squat": 4.0}, 8.1)
+    assert odds.shape == (3, 3)
+    for row, place in enumerate(places):
+        distance = np.abs(place - np.array([2.0, 4.0, 8.1]))
+        assert odds[row] == pytest.approx(-np.log(distance), abs=1e-4)
+    exactly = look({"bow": places[0]})
+    assert exactly[0, 0] == pytest.approx(math.log(1e6), abs=0.2)
+
+
+def test_windows_are_looked_at_from_when_they_fit() -> None:
+    assert (look({"bow": 10.0}, frames=22) == -12).all()
+    odds = look({"bow": 10.0}, frames=23)
+    assert (odds[0] > -12).all()
+    assert (odds[1:] == -12).all()
+
+
+def test_windows_without_motion_are_passed_over() -> None:
+    joints = np.zeros((160, 1, 3))
+    joints[:, 0, 0] = np.minimum(np.arange(160), 136)
+    odds = EventDetector(support_of({"bow": 0.0})).look(Clip(joints, ["nose"], FPS))
+    assert (odds[:, 0] > -12).tolist() == [False, True, True]
+
+
+def test_windows_that_are_nearest_to_a_negative_show_no_action() -> None:
+    detector = EventDetector(support_of({"bow": 0.0}, 1.0, tau=0.1))
+    odds = np.array([[3.0, 4.0]] * 3, np.float32)
+    assert detector.take(odds, moving(10), 10.0) == []
     assert detector.ranking == ()
-    assert detector.update(None, 13.0) != []
+    detector.take(odds[:, ::-1], moving(10.2), 10.2)
+    detector.take(odds[:, ::-1], moving(10.4), 10.4)
+    assert [seen.label for seen in detector.ranking] == ["bow"]
+
+
+def test_an_action_is_looked_for_in_windows_of_about_its_length() -> None:
+    support = support_of({"bow": 0.0, "squat": 0.0}, tau=0.1)
+    short = SupportSet(LINE, support.actions, at(), {"bow": 1.5, "squat": 6.0}, Threshold(0.1, ""))
+    detector = EventDetector(short)
+    odds = np.full((len(detector.windows), 2), -12.0, np.float32)
+    odds[:, 0] = 4
+    detector.take(odds, moving(10), 10.0)
+    starts = [10 - seen.start for seen in detector.ranking]
+    assert 0.7 * 1.5 <= starts[0] <= 1.4 * 1.5
+    odds[[0, 1, 2]] = -12
+    for look_at in range(4):
+        detector.take(odds, moving(10 + look_at), 10.0 + look_at)
+    assert detector.ranking == ()
+
+
+def test_the_ranking_has_the_best_window_of_each_action_surest_first() -> None:
+    detector = EventDetector(support_of({"bow": 0.0, "squat": 0.0}))
+    odds = np.array([[3, 0], [5, 0], [0, 4]], np.float32)
+    for _ in range(3):
+        detector.take(odds, moving(10), 10.0)
+    bow, squat = detector.ranking
+    assert (bow.label, bow.start) == ("bow", pytest.approx(10 - LENGTHS[1]))
+    assert (squat.label, squat.start) == ("squat", pytest.approx(10 - LENGTHS[2]))
+    assert bow.confidence > squat.confidence
 
 
 def test_the_stream_is_kept_for_eight_seconds() -> None:
-    assert detector_of({"bow": at(9.0)}, 0.5, 600.0).windows[-1] == 8
+    assert EventDetector(support_of({"bow": 9.0}, seconds=600.0)).windows[-1] == 8
+
+
+def test_what_is_enrolled_may_change() -> None:
+    script = Script("wave", "squat")
+    script.see(WAVE)
+    script.detector.follow(support_of({"wave": 0.0}))
+    assert script.detector.current is not None
+    script.detector.follow(support_of({"squat": 0.0}))
+    assert script.detector.current is None
+    script.labels = ("squat",)
+    script.see({"squat": 0.99})
+    assert [event.label for event in script.rest(3)] == ["squat"]
+    script.detector.follow(support_of({}))
+    assert script.detector.update(None, script.now + 1) == []
+    assert script.detector.ranking == ()
 
 
 def test_a_clip_is_watched_as_a_recorded_stream() -> None:
-    """A squat between rests is found where it is, and nothing else is."""
+    """Two squats between rests are found where they are, and nothing else is."""
     actions = ("squat", "jumping_jack", "kick_right")
     clips = {label: read_clip(EXAMPLES / label / "ada.npz") for label in actions}
     squat = clips["squat"]
     rest = round(1.5 * squat.fps)
     still = [np.repeat(squat.joints[at : at + 1], rest, axis=0) for at in (0, -1)]
-    joints = np.concatenate([still[0], squat.joints, still[1]])
+    joints = np.concatenate([still[0], squat.joints, still[1], squat.joints, still[1]])
     joints = joints + np.random.default_rng(0).normal(0, 1e-4, joints.shape)
     stream = Clip(joints, squat.joint_names, squat.fps)
     support = SupportSet.from_clips({label: [clip] for label, clip in clips.items()})
-    events = list(watch(stream, support))
+    now = 0.0
+
+    def frame(time: float, *_: object) -> None:
+        nonlocal now
+        now = time
+
+    told = [(event, now) for event in watch(stream, support, on_frame=frame)]
+    events = [event for event, _ in told]
     assert events == list(watch(stream, support))
-    assert [event.label for event in events] == ["squat"]
-    assert events[0].start < 1.5 + squat.duration
-    assert events[0].end > 1.5
+    assert [(event.label, event.repetitions) for event in events] == [("squat", 1), ("squat", 2)]
+    first, last = active_part(squat)
+    for (event, when), begin in zip(told, (1.5, 3 + squat.duration), strict=True):
+        assert event.start == pytest.approx(begin + first, abs=0.5)
+        assert event.end == pytest.approx(begin + last, abs=0.5)
+        assert when - event.end < 0.8
     assert list(watch(stream, support, tau=1.0)) == []
     notes: list[str] = []
     assert list(watch(Clip(joints[:12], squat.joint_names, 30), support, note=notes.append)) == []
