@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -212,3 +213,33 @@ class EventDetector:
         begin = clip.duration - (now - seen.start)
         start, end = active_part(cut(clip, begin, clip.duration), _PAUSE)
         return Event(seen.label, seen.start + start, seen.start + end, seen.confidence)
+
+
+class Sets:
+    """Joins the repetitions of an action to one event, which is told when the set is over."""
+
+    _set: Event | None = None
+    _length = 0.0
+
+    def update(self, over: Sequence[Event], now: float) -> list[Event]:
+        """Take events as they are told; the sets that are over by now."""
+        done = []
+        for event in over:
+            if event.repetitions == 1:
+                done += self.finish()
+                self._set = event
+            elif self._set is not None:
+                sure = max(self._set.confidence, event.confidence)
+                self._set = replace(
+                    self._set, end=event.end, confidence=sure, repetitions=event.repetitions
+                )
+            self._length = event.end - event.start
+        # The next one may begin after a rest, and takes its time.
+        if self._set is not None and now - self._set.end > _REST + 2 * max(self._length, _REST):
+            done += self.finish()
+        return done
+
+    def finish(self) -> list[Event]:
+        """The set that the end of the stream cuts off, if there is one."""
+        found, self._set = self._set, None
+        return [] if found is None else [found]

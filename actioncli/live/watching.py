@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from actioncli.clips.clip import Clip
 from actioncli.clips.edit import cut
 from actioncli.errors import ClipError
-from actioncli.live.events import STRIDE, Event, EventDetector
+from actioncli.live.events import STRIDE, Event, EventDetector, Sets
 from actioncli.pose import RETRY_SECONDS
 from actioncli.recognition.support import SupportSet
 
@@ -61,13 +61,14 @@ def watch(
     support: SupportSet | Callable[[], SupportSet],
     tau: float | None = None,
     *,
+    each: bool = True,
     quality: str = DEFAULT_QUALITY,
     retry: float = RETRY_SECONDS,
     recorder: Recorder | None = None,
     on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
     note: Callable[[str], None] | None = None,
 ) -> Iterator[Event]:
-    """Tell every enrolled action that somebody performs, one event for each performance.
+    """Tell every enrolled action that somebody performs, one event for each repetition.
 
     Looks at the stream every `events.STRIDE` seconds. What the end of the stream, or Ctrl-C, cuts
     off is an event as well.
@@ -78,6 +79,7 @@ def watch(
         support: what is enrolled; or what gives it, such as a `FollowedSupport`, and is asked at
             each look: what is enrolled, removed or calibrated meanwhile counts at once.
         tau: accept where the confidence is above it, instead of the threshold of `support`.
+        each: tell each repetition when it ends; else a set of them, once nothing follows.
         quality: pose network, "fast" or "accurate".
         retry: seconds for which a camera or a stream that breaks is opened again.
         recorder: keeps the clips of events and near misses.
@@ -101,6 +103,7 @@ def watch(
 
         hear = note or (lambda line: None)
         stream = VideoStream(source, quality, max(detector.windows) + 1, retry, hear)
+    sets = Sets()
     looked, frames, seen, now = -STRIDE, 0, 0, 0.0
     lost: ClipError | None = None
     with closing(stream):
@@ -120,7 +123,7 @@ def watch(
                     # Where nothing is enrolled any more, nobody can do it.
                     clip = stream.clip() if enrolled.actions else None
                     over = detector.update(clip, now)
-                    yield from over
+                    yield from over if each else sets.update(over, now)
                     if recorder is not None:
                         busy = detector.current is not None
                         recorder.update(clip, now, detector.ranking, over, busy)
@@ -138,7 +141,7 @@ def watch(
                 recorder.finish(detector.finish())
             raise
         over = detector.finish()
-        yield from over
+        yield from over if each else sets.update(over, now) + sets.finish()
         if recorder is not None:
             recorder.finish(over)
     if lost is not None:

@@ -1,0 +1,80 @@
+"""Events as they come, in a table or as subtitles. Every event is in the file once it is told."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+from actioncli.errors import UsageError
+from actioncli.live.events import Event
+from actioncli.live.reactions import Reaction
+
+
+class Timeline(Reaction):
+    """A file that grows by an event at a time."""
+
+    head = ""
+
+    def __init__(self, file: Path) -> None:
+        """Begin the file, in place of one that stands there.
+
+        Raises:
+            UsageError: it cannot be written.
+        """
+        self._file, self._count = file, 0
+        self._write(self.head, "w")
+
+    def __call__(self, event: Event) -> None:
+        """Add it.
+
+        Raises:
+            UsageError: the file cannot be written.
+        """
+        self._count += 1
+        self._write(self.text(event, self._count), "a")
+
+    def text(self, event: Event, number: int) -> str:
+        """What stands in the file of the event with this number, from 1."""
+        raise NotImplementedError
+
+    def _write(self, text: str, mode: str) -> None:
+        try:
+            with self._file.open(mode, encoding="utf-8", newline="") as file:
+                file.write(text)
+        except OSError as error:
+            raise UsageError(f"{self._file}: cannot be written: {error.strerror}.") from error
+
+
+class Table(Timeline):
+    """Comma-separated values, a row an event."""
+
+    head = "label,start,end,confidence,repetitions\r\n"
+
+    def text(self, event: Event, number: int) -> str:
+        """A row, with seconds to the hundredth."""
+        row = io.StringIO()
+        times = (f"{event.start:.2f}", f"{event.end:.2f}")
+        columns = (event.label, *times, f"{event.confidence:.3f}", event.repetitions)
+        csv.writer(row).writerow(columns)
+        return row.getvalue()
+
+
+class Subtitles(Timeline):
+    """SubRip, which players show over the video."""
+
+    def text(self, event: Event, number: int) -> str:
+        """A subtitle from the event's start to its end."""
+        span = f"{_clock(event.start)} --> {_clock(event.end)}"
+        return f"{number}\r\n{span}\r\n{counted(event)} ({event.confidence:.2f})\r\n\r\n"
+
+
+def counted(event: Event) -> str:
+    """The label, and how often in a row it was done where that is more than once."""
+    return event.label + (f" x{event.repetitions}" if event.repetitions > 1 else "")
+
+
+def _clock(seconds: float) -> str:
+    whole = max(round(seconds * 1000), 0)
+    hours, minutes = divmod(whole // 60_000, 60)
+    return f"{hours:02}:{minutes:02}:{whole // 1000 % 60:02},{whole % 1000:03}"
