@@ -1,4 +1,4 @@
-# make demo    install actioncli in .venv-demo and try it on the clips in examples/
+# make demo    install actioncli in .venv-demo and take its tour
 # make test    install it for development in .venv; format, lint, types, tests
 # make nightly the tests that take minutes or hours
 # make fuzz    look for files that readers cannot take, FUZZ_SECONDS (an hour) for each reader
@@ -20,7 +20,7 @@ PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 .DEFAULT_GOAL := test
 
 demo: .venv-demo/installed
-	@sh tools/demo.sh .venv-demo/bin
+	@.venv-demo/bin/actioncli tour
 
 test: .venv/installed
 	.venv/bin/ruff format --check .
@@ -91,7 +91,7 @@ endef
 	@touch $@
 
 # The demo runs what a user gets.
-.venv-demo/installed: pyproject.toml $(shell find actioncli weights -type f -not -name '*.pyc')
+.venv-demo/installed: pyproject.toml $(shell find actioncli examples weights -type f -not -name '*.pyc')
 	$(environment)
 	@echo "Installing actioncli in .venv-demo; this downloads about 100 MB, once."
 	@rm -rf build

@@ -96,14 +96,21 @@ def marked_folder(folder: Path, made: Callable[[str], object] = lambda name: Fal
     return mark.is_file() and not mark.is_symlink() and mark.read_bytes() == content
 
 
-def weights_folder() -> Path:
-    """The folder of the shipped weights.
+def _shipped(name: str) -> Path:
+    # A wheel has it inside the package; in a checkout, and so in an editable install, it stands
+    # beside.
+    installed = _PACKAGE / name
+    return installed if installed.is_dir() else _PACKAGE.parent / name
 
-    Inside an installed wheel that is `actioncli/weights`; in a checkout, and so in an editable
-    install, `weights` stands beside the package.
-    """
-    installed = _PACKAGE / "weights"
-    return installed if installed.is_dir() else _PACKAGE.parent / "weights"
+
+def weights_folder() -> Path:
+    """The folder of the shipped weights."""
+    return _shipped("weights")
+
+
+def examples_folder() -> Path:
+    """The folder of the shipped example clips, `action/performer.npz`."""
+    return _shipped("examples")
 
 
 def weights_file(name: str) -> Path:

@@ -27,7 +27,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = tmp_path_factory.mktemp("source")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    for name in ("actioncli", "weights"):
+    for name in ("actioncli", "examples", "weights"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
     target = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(target)]
@@ -36,7 +36,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next(target.glob("*.whl"))
 
 
-def test_wheel_holds_the_package_and_the_weights_and_nothing_else(wheel: Path) -> None:
+def test_wheel_holds_package_weights_examples_and_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
     code = {
@@ -45,7 +45,10 @@ def test_wheel_holds_the_package_and_the_weights_and_nothing_else(wheel: Path) -
         if path.suffix in {".py", ".typed", ".css", ".html", ".js", ".svg"}
     }
     weights = {f"actioncli/weights/{path.name}" for path in (ROOT / "weights").iterdir()}
-    assert held == code | weights
+    examples = {
+        f"actioncli/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("examples/*/*.npz")
+    }
+    assert held == code | weights | examples
 
 
 def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
@@ -53,10 +56,11 @@ def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
     script = (
-        "from actioncli.files import weights_folder\n"
+        "from actioncli.files import examples_folder, weights_folder\n"
         "from actioncli.recognition.recognizer import Recognizer\n"
         "print(weights_folder())\n"
         "print(Recognizer().weights.path)\n"
+        "print(*sorted(examples_folder().glob('bow/*')))\n"
     )
     ran = subprocess.run(
         [sys.executable, "-c", script],
@@ -66,9 +70,10 @@ def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
         text=True,
         check=True,
     )
-    folder, weights = map(Path, ran.stdout.split())
+    folder, weights, example = map(Path, ran.stdout.split())
     assert folder == site / "actioncli" / "weights"
     assert weights == folder / "trx_os.safetensors"
+    assert example == site / "actioncli" / "examples" / "bow" / "ben.npz"
 
 
 def test_every_package_is_listed() -> None:
@@ -76,7 +81,8 @@ def test_every_package_is_listed() -> None:
         ".".join(path.parent.relative_to(ROOT).parts)
         for path in (ROOT / "actioncli").rglob("__init__.py")
     }
-    assert set(CARD["tool"]["setuptools"]["packages"]) == found | {"actioncli.weights"}
+    beside = {"actioncli.weights", "actioncli.examples"}
+    assert set(CARD["tool"]["setuptools"]["packages"]) == found | beside
 
 
 def test_importing_is_light() -> None:

@@ -39,6 +39,7 @@ from actioncli.errors import ActionCliError, UsageError
 # Name to module and function, in the order of the help.
 COMMANDS: Mapping[str, str] = MappingProxyType(
     {
+        "tour": "actioncli.cli.tour:tour",
         "enroll": "actioncli.cli.enroll:enroll",
         "classify": "actioncli.cli.classify:classify",
         "batch": "actioncli.cli.batch:batch",
