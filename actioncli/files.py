@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from actioncli.errors import ActionCliError, WeightsError
+from actioncli.errors import ActionCliError, UsageError, WeightsError
 
 HOME_VARIABLE = "ACTIONCLI_HOME"
 # What a file in a folder says in which the tool may delete; and a file that is not finished.
@@ -197,6 +197,19 @@ def output_lock(output: Path, command: str, error: type[ActionCliError]) -> Iter
         with contextlib.suppress(OSError):
             path.unlink()
         lock.release()
+
+
+def data_frame(content: Any, **named: Any) -> Any:
+    """A table of pandas, which is no requirement.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        from pandas import DataFrame
+    except ImportError as error:
+        raise UsageError("tables need pandas: pip install pandas") from error
+    return DataFrame(content, **named)
 
 
 def json_text(document: object, indent: int | None = 2) -> str:

@@ -214,18 +214,14 @@ def _explain(
         UsageError: it cannot be written.
         SupportError: the action was removed meanwhile.
     """
-    from actioncli.clips.edit import cut
-    from actioncli.recognition.explanation import explain
+    from actioncli.recognition.explanation import explain_decision
     from actioncli.report.contributions import Explained
     from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
 
     recognizer = support.recognizer
-    if decision.part is not None:
-        clip = cut(clip, *(at - clip.start for at in decision.part))
     with settings.open_store() as store:
-        enrolled = store.examples(decision.nearest)
-        found = explain(recognizer, clip, [store.clip(example.id) for example in enrolled])
-        shown = [enrolled[found.example]]
+        found, clip = explain_decision(recognizer, store, clip, decision)
+        shown = [store.examples(decision.nearest)[found.example]]
         shown += [store.examples(each.label)[0] for each in decision.ranking[1:SHOWN]]
         named = [(each, f"example {each.id}, {each.source}") for each in shown]
         neighbours = [Neighbour(each.label, text, store.clip(each.id)) for each, text in named]

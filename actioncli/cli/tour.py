@@ -47,7 +47,8 @@ def tour(settings: Settings) -> None:
 
     Three example clips that came along are enrolled in a support set of the tour's own, a clip of
     a known action and one of an unknown action are classified, and everything is deleted again.
-    Your own support set is not touched. With --json, a step's result is the document of its command.
+    Your own support set is not touched. With --json, the result of a step is the document of its
+    command.
 
     \b
     Examples:

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 from typing import Any
 
-from actioncli.calibration.enrolment import Enrolled, enrol
-from actioncli.clips.clip import Clip
+from actioncli.actions import Actions
 from actioncli.recognition.recognizer import Recognizer
-from actioncli.recognition.support import SupportSet
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.store.store import SupportStore
 
 
-class SharedSupport:
-    """A store and a recogniser. May be used from several threads, beside other processes.
-
-    Attributes:
-        store: where examples are kept.
-        recognizer: what compares.
-    """
+class SharedSupport(Actions):
+    """A store and a recogniser. May be used from several threads, beside other processes."""
 
     def __init__(self, path: Path | None = None) -> None:
         """Open a store; nothing is created.
@@ -30,37 +22,11 @@ class SharedSupport:
             StoreError: it cannot be a store.
             WeightsError: the weights cannot be used.
         """
-        self.store = SupportStore(path)
-        self.recognizer = Recognizer()
-        self._lock = threading.Lock()
-        self._loaded: SupportSet | None = None
-        self._seen = ""
-
-    def version(self) -> str:
-        """Changes when the store does, whoever changes it."""
-        try:
-            status = self.store.path.stat()
-        except OSError:
-            return "none"
-        return f"{status.st_ino:x}-{status.st_mtime_ns:x}-{status.st_size:x}"
-
-    def loaded(self) -> SupportSet:
-        """What is enrolled now.
-
-        Raises:
-            StoreError: the store cannot be read.
-        """
-        with self._lock:
-            version = self.version()
-            if self._loaded is None or self._seen != version:
-                self._loaded = SupportSet.load(self.store, self.recognizer)
-                self._seen = version
-            return self._loaded
+        super().__init__(SupportStore(path), Recognizer())
 
     def state(self) -> dict[str, Any]:
         """All that is enrolled, in words."""
-        version = self.version()
-        support = self.loaded()
+        version, support = self.version, self.support
         actions: dict[str, dict[str, Any]] = {}
         for each in support.examples:
             action = actions.setdefault(
@@ -83,11 +49,3 @@ class SharedSupport:
             SupportError: there is no such example.
         """
         return playable(figure(self.store.clip(example)))
-
-    def enroll(self, label: str, clip: Clip, negative: bool, note: str = "") -> Enrolled:
-        """Keep a clip, as an example of an action or as what must never be accepted.
-
-        Raises:
-            UsageError: the label is not allowed.
-        """
-        return enrol(self.store, self.recognizer, label, [clip], note, negative)[0]
