@@ -1,11 +1,18 @@
-"""README says what happens: its commands and its Python are run, and their output compared."""
+"""Documents say what happens: their commands and their Python are run, and the output compared."""
 
+import ast
+import contextlib
+import io
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -54,3 +61,30 @@ def test_exit_codes_are_those_of_the_program() -> None:
     ).stdout
     for code, meaning in re.findall(r"^\| (\d+) \| (.+) \|$", README, re.MULTILINE):
         assert re.search(rf"\b{code} +{re.escape(meaning)}", helped), (code, meaning)
+
+
+def shown(code: str, names: dict[str, Any]) -> str:
+    """What a cell of a notebook prints, and the value of its last line."""
+    lines = ast.parse(code).body
+    last = lines.pop() if isinstance(lines[-1], ast.Expr) else None
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(ast.Module(lines, []), "cell", "exec"), names)
+        value = eval(compile(ast.Expression(last.value), "cell", "eval"), names) if last else None
+    return printed.getvalue() + ("" if value is None else repr(value))
+
+
+def test_notebook(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every cell says what the file shows; one that is run anew is written by
+    `jupyter execute --inplace examples/first_steps.ipynb`."""
+    pytest.importorskip("pandas")
+    monkeypatch.chdir(ROOT)
+    notebook = json.loads((ROOT / "examples/first_steps.ipynb").read_text(encoding="utf-8"))
+    names: dict[str, Any] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        kept = [each.get("text") or each["data"]["text/plain"] for each in cell["outputs"]]
+        code = "".join(cell["source"])
+        assert shown(code, names).split() == "".join(map("".join, kept)).split(), code
+        assert "error" not in [each["output_type"] for each in cell["outputs"]]
