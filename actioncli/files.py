@@ -10,9 +10,10 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 from actioncli.errors import ActionCliError, UsageError, WeightsError
@@ -52,6 +53,85 @@ def user_folder(kind: Literal["data", "cache"]) -> Path:
     if not found.is_absolute():
         raise NoHomeError(f"This user has no home folder: let {HOME_VARIABLE} name a folder.")
     return found
+
+
+def settings_file() -> Path:
+    """The file in which users keep defaults, whether or not it is there.
+
+    Raises:
+        NoHomeError: as `user_folder`.
+    """
+    return user_folder("data") / "config.toml"
+
+
+def user_settings() -> dict[str, Any]:
+    """The defaults that the user set, of `SETTINGS`: in `config.toml`, or by environment variables
+    such as `ACTIONCLI_TAU`, which win.
+
+    Raises:
+        UsageError: one of them is no such setting, or has an impossible value.
+    """
+    found: dict[str, Any] = {}
+    with contextlib.suppress(NoHomeError, FileNotFoundError, NotADirectoryError):
+        file = settings_file()
+        with _settings_of(str(file)):
+            # The package alone takes longer than most commands do without it.
+            text = file.read_text("utf-8")
+            import tomllib
+
+            found = {name: _setting(name, value) for name, value in tomllib.loads(text).items()}
+            if "store" in found:
+                found["store"] = file.parent / found["store"]
+    for name in SETTINGS:
+        variable = f"ACTIONCLI_{name.upper()}"
+        if os.environ.get(variable):
+            with _settings_of(variable):
+                found[name] = _setting(name, os.environ[variable])
+    return found
+
+
+@contextmanager
+def _settings_of(where: str) -> Iterator[None]:
+    try:
+        yield
+    except (FileNotFoundError, NotADirectoryError):
+        raise
+    except OSError as error:
+        raise UsageError(f"{where}: cannot be read: {error.strerror}.") from error
+    except (ValueError, RuntimeError) as error:
+        raise UsageError(f"{where}: {error}; mend it, or take it out.") from error
+
+
+def _setting(name: str, value: object) -> object:
+    if name not in SETTINGS:
+        raise ValueError(f"there is no setting {name!r}, only {', '.join(SETTINGS)}")
+    try:
+        return SETTINGS[name](value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} cannot be {value!r}") from error
+
+
+def _path(value: Any) -> Path:
+    return Path(value).expanduser()
+
+
+def _share(value: Any) -> float:
+    if not 0 <= float(value) <= 1:
+        raise ValueError
+    return float(value)
+
+
+def _quality(value: Any) -> str:
+    if value not in ("fast", "accurate"):
+        raise ValueError
+    return str(value)
+
+
+# What users may set, and what checks it: file of the support set, pose network, threshold where
+# none was calibrated, what `watch` looks at.
+SETTINGS: Mapping[str, Callable[[Any], object]] = MappingProxyType(
+    {"store": _path, "quality": _quality, "tau": _share, "camera": str}
+)
 
 
 def is_own_folder(folder: Path) -> bool:

@@ -18,17 +18,22 @@ from actioncli.errors import WeightsError
 from actioncli.files import weights_file, weights_folder
 
 ROOT = Path(__file__).parent.parent
+IMAGE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 CARD = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built from a copy so that the checkout stays as it is."""
+    """The wheel, built as in the Dockerfile from a copy of what that copies."""
     source = tmp_path_factory.mktemp("source")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    for name in ("actioncli", "examples", "weights"):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    skipped = shutil.ignore_patterns("__pycache__")
+    for copied in re.findall(r"^COPY (.*) /source/(\S*)$", IMAGE, re.MULTILINE):
+        *names, place = [*copied[0].split(), copied[1]]
+        for name in names:
+            if (ROOT / name).is_dir():
+                shutil.copytree(ROOT / name, source / place, ignore=skipped)
+            else:
+                shutil.copy(ROOT / name, source / place)
     target = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(target)]
     made = subprocess.run([*build, str(source)], capture_output=True, text=True, check=False)
@@ -76,6 +81,22 @@ def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
     assert example == site / "actioncli" / "examples" / "bow" / "ben.npz"
 
 
+def test_image_copies_what_its_ignore_file_lets_through_and_runs_the_command() -> None:
+    ignore = (ROOT / ".dockerignore").read_text(encoding="utf-8")
+    copied = " ".join(re.findall(r"^COPY (.*) /source/\S*$", IMAGE, re.MULTILINE)).split()
+    assert sorted(re.findall(r"^!(.+)$", ignore, re.MULTILINE)) == sorted(copied)
+    # Its first lines are how it is used; each command there is one of the program's.
+    from actioncli.cli.app import COMMANDS
+
+    used = re.findall(r"^# docker run .* actioncli (\S+)", IMAGE, re.MULTILINE)
+    assert {"enroll", "watch"} <= set(used) <= COMMANDS.keys()
+    [entry] = re.findall(r"^ENTRYPOINT (.*)$", IMAGE, re.MULTILINE)
+    [words] = re.findall(r"^CMD (.*)$", IMAGE, re.MULTILINE)
+    program, *first = json.loads(entry) + json.loads(words)
+    assert CARD["project"]["scripts"][program] == "actioncli.__main__:main"
+    assert subprocess.run([sys.executable, "-m", program, *first], check=False).returncode == 0
+
+
 def test_every_package_is_listed() -> None:
     found = {
         ".".join(path.parent.relative_to(ROOT).parts)
@@ -107,6 +128,8 @@ def test_version_is_the_same_everywhere() -> None:
     newest = re.search(r"^## \[(\d[^\]]*)\]", changelog, re.MULTILINE)
     assert newest is not None
     assert newest[1] == actioncli.__version__ == importlib.metadata.version("actioncli")
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {newest[1]}\n" in citation
 
 
 def test_only_training_needs_torch() -> None:

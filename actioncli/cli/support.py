@@ -30,6 +30,8 @@ YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
 def list_support(settings: Settings) -> None:
     """List the enrolled actions, and the negatives.
 
+    `list` is a short name of this command.
+
     \b
     Examples:
       actioncli list-support

@@ -92,12 +92,13 @@ def _ran(settings: Settings, line: str) -> tuple[int, Any]:
 @contextlib.contextmanager
 def _own_home() -> Iterator[None]:
     """A home of the tool for the while; nothing of the user's is read or written."""
-    before = os.environ.get(HOME_VARIABLE)
+    before = {name: text for name, text in os.environ.items() if name.startswith("ACTIONCLI_")}
     with tempfile.TemporaryDirectory(prefix="actioncli-tour-") as home:
+        for name in before:
+            del os.environ[name]
         os.environ[HOME_VARIABLE] = home
         try:
             yield
         finally:
-            os.environ.pop(HOME_VARIABLE)
-            if before is not None:
-                os.environ[HOME_VARIABLE] = before
+            del os.environ[HOME_VARIABLE]
+            os.environ.update(before)

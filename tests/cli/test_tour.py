@@ -14,7 +14,8 @@ from .conftest import Invoke, Run
 
 
 def test_the_tour_shows_what_it_promises(run: Run, home: Path, tmp_path: Path) -> None:
-    place = {**os.environ, "TMPDIR": str(tmp_path / "temporary")}
+    # What the user set is not heeded.
+    place = {**os.environ, "TMPDIR": str(tmp_path / "temporary"), "ACTIONCLI_TAU": "1"}
     (tmp_path / "temporary").mkdir()
     # From a terminal's folder that holds none of the clips.
     done = run("tour", env=place, cwd=tmp_path, timeout=20)
