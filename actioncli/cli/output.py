@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import sys
 import time
 import unicodedata
@@ -95,6 +96,34 @@ def error_entry(error: BaseException, exit_code: int) -> dict[str, object]:
         "message": str(error).replace("\n", " "),
         "exit_code": exit_code,
     }
+
+
+# Colours of a terminal.
+GREEN, GREY, BOLD = "32", "90", "1"
+
+
+def colours() -> bool:
+    """Whether standard output shows colours, and the user wants them."""
+    return sys.stdout.isatty() and "NO_COLOR" not in os.environ
+
+
+def coloured(text: str, colour: str) -> str:
+    """Text in a colour, where there are colours."""
+    return f"\x1b[{colour}m{text}\x1b[0m" if text and colours() else text
+
+
+def showable(text: str, otherwise: str) -> str:
+    """The first of two texts, if standard output has signs for it."""
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return otherwise
+    return text
+
+
+def padded(text: str, others: Iterable[str]) -> str:
+    """With spaces, as wide as the widest of the others."""
+    return text + " " * (max(map(_width, others)) - _width(text))
 
 
 def plural(count: int, noun: str) -> str:

@@ -22,9 +22,9 @@ def test_the_tour_shows_what_it_promises(run: Run, home: Path, tmp_path: Path) -
     assert done.returncode == 0, done.stderr
     commands = [line[12:] for line in done.stdout.splitlines() if line.startswith("$ actioncli ")]
     assert commands == [line for _, line, _ in tour._STEPS]
-    assert "cleo.npz: wave_right " in done.stdout
-    assert "ben.npz: rejected " in done.stdout
-    assert done.stdout.index("ben.npz: rejected") < done.stdout.index("actioncli watch")
+    assert "✓ wave_right " in done.stdout
+    assert done.stdout.index("✗ rejected ") < done.stdout.index("actioncli watch")
+    assert "both arms as in the example" in done.stderr
     # Nothing of the user's was touched, and nothing is left.
     assert not home.exists()
     assert not list((tmp_path / "temporary").iterdir())
