@@ -1,7 +1,8 @@
-"""Draw docs/film.svg, the moving picture at the top of README: enrol, recognise, reject, in the
-terminal and as skeletons. `python tools/make_film.py [FILE]`, in an environment with actioncli.
+"""Draw what the documents show, from the example clips: `python tools/make_figures.py [FOLDER]`.
 
-What the terminal shows is what the commands print; only their notes are left out."""
+docs/film.svg is the moving picture at the top of README: enrol, recognise, reject, in the terminal
+and as skeletons. What its terminal shows is what the commands print; only their notes are left out.
+docs/attention.svg is which moments of a squat are compared with which of another's."""
 
 from __future__ import annotations
 
@@ -14,9 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli import read_clip
+from actioncli import Recognizer, read_clip
 from actioncli.clips.write import write_clip
+from actioncli.recognition.explanation import explain
 from actioncli.report.figure import figure, project
+from actioncli.report.plots import SHARES, Axis, Plot
 
 ROOT = Path(__file__).resolve().parent.parent
 # Example, as which file of the film, the command, seconds it takes.
@@ -33,11 +36,39 @@ SCALE, GROUND = 118, 265  # pixels a metre
 RATE = 12  # poses a second
 YAW = 0.75  # radians that bodies are turned, so that a bow is seen
 COLOURS = {"left": "#56b4e9", "right": "#f29544", "middle": "#d5dade"}
+STYLE = """<style>
+svg { --paper: #fff; --muted: #586069; --line: #d4d9de; --s0: #0072b2; background: var(--paper); }
+text { fill: var(--muted); font: 12px system-ui, sans-serif; }
+@media (prefers-color-scheme: dark) {
+  svg { --paper: #14171a; --muted: #a5adb5; --line: #373e45; --s0: #56b4e9; }
+}
+</style>"""
 YES, INK, MUTED = "#3fb950", "#e8eaed", "#9aa4ae"
 
 
-def main(out: Path) -> None:
-    """Run the commands, draw, and write the film."""
+def main(folder: Path) -> None:
+    """Draw both."""
+    (folder / "film.svg").write_text(film(), encoding="utf-8")
+    (folder / "attention.svg").write_text(attention(), encoding="utf-8")
+
+
+def attention() -> str:
+    """The matrix, which follows the reader's colours."""
+    query, example = (read_clip(ROOT / f"examples/squat/{name}.npz") for name in ("ben", "ada"))
+    plot = Plot(
+        "Attention between moments of two squats",
+        Axis("way through ada's squat, the example", 0, 1, SHARES, percent=True),
+        Axis("way through ben's", 0, 1, SHARES, percent=True),
+    )
+    plot.cells(explain(Recognizer(), query, [example]).attention, 0)
+    drawing = plot.html()
+    drawing = drawing[drawing.index("<svg") : drawing.index("</svg>") + 6]
+    opened = '<svg xmlns="http://www.w3.org/2000/svg" width="480" '
+    return drawing.replace("<svg ", opened, 1).replace(">", f">{STYLE}", 1) + "\n"
+
+
+def film() -> str:
+    """Run the commands, and draw."""
     length = sum(scene[3] for scene in SCENES)
     lines: list[str] = []
     bodies: list[str] = []
@@ -57,7 +88,7 @@ def main(out: Path) -> None:
     told = (
         "Two actions are enrolled from one clip each; a child's wave is recognised, a bow rejected."
     )
-    out.write_text(
+    return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
         f'aria-label="{escape(told)}"><title>{escape(told)}</title>\n'
         "<style>text{font:14px ui-monospace,SFMono-Regular,Menlo,Consolas,monospace;"
@@ -66,8 +97,7 @@ def main(out: Path) -> None:
         f'<rect width="{WIDTH}" height="{HEIGHT}" rx="10" fill="#14171a"/>\n'
         f'<path d="M{STAGE} 20V{HEIGHT - 20}" stroke="#373e45" style="stroke-width:1"/>\n'
         + "\n".join([*lines, *bodies])
-        + "\n</svg>\n",
-        encoding="utf-8",
+        + "\n</svg>\n"
     )
 
 
@@ -170,4 +200,4 @@ def body(
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "film.svg")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs")
