@@ -59,7 +59,7 @@ LICENCES = .venv/bin/pip-licenses --format markdown --with-urls --no-version \
 	--ignore-packages actioncli pip setuptools --python
 
 docs: .venv/installed
-	.venv/bin/python -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict --quiet
 	@echo "Open site/index.html."
 
 bench: .venv/installed

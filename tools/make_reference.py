@@ -55,7 +55,9 @@ def python() -> str:
         "[Start here](index.md) has a first example, and the repository a notebook, "
         "`examples/first_steps.ipynb`.",
     ]
-    found = [(name, getattr(actioncli, name)) for name in sorted(actioncli.__all__)]
+    # What most people need stands first.
+    names = sorted(actioncli.__all__, key=lambda name: (name not in ("open", "Actions"), name))
+    found = [(name, getattr(actioncli, name)) for name in names]
     functions = [(name, each) for name, each in found if inspect.isfunction(each)]
     classes = [(name, each) for name, each in found if inspect.isclass(each)]
     errors = [(name, each) for name, each in classes if issubclass(each, Exception)]
