@@ -8,7 +8,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from actioncli.cli.output import BOLD, GREEN, GREY, coloured, padded, plural, printable, showable
+from actioncli.cli.output import (
+    BOLD,
+    GREEN,
+    GREY,
+    coloured,
+    padded,
+    plural,
+    printable,
+    showable,
+    width_of,
+)
 
 if TYPE_CHECKING:
     from actioncli.cli.command import Settings
@@ -34,12 +44,17 @@ def short_names(paths: Iterable[Path]) -> dict[Path, str]:
     return names
 
 
-def line_of(decision: Decision, name: str, labels: Iterable[str]) -> str:
+def verdict_width(labels: Iterable[str]) -> int:
+    """Columns that every verdict on these actions fits into."""
+    return max(width_of(printable(label)) for label in (_REJECTED, *labels))
+
+
+def line_of(decision: Decision, name: str, width: int) -> str:
     """`✓ wave   ━━━━━━│━━━━━─  0.95 > 0.50  0.0 to 4.2 s  ada.npz`: the verdict, how sure it is
     beside the threshold, where in the clip, and whose.
 
     Args:
-        labels: of all actions, so that lines stand below each other.
+        width: of the verdict, so that lines stand below each other.
     """
     yes = decision.accepted
     verdict = decision.label if yes and decision.label is not None else _REJECTED
@@ -48,7 +63,7 @@ def line_of(decision: Decision, name: str, labels: Iterable[str]) -> str:
     filled = round(_CELLS * decision.confidence)
     at = round(_CELLS * decision.tau)
     cells = full * filled + rest * (_CELLS - filled)
-    named = padded(printable(verdict), map(printable, [_REJECTED, *labels]))
+    named = padded(printable(verdict), width)
     said = [
         f"{coloured(tick if yes else cross, colour)} {coloured(named, BOLD if yes else GREY)}",
         coloured(cells[:at], colour) + mark + coloured(cells[at:], colour),

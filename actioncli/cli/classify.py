@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from actioncli.archives.processes import cores, in_processes
-from actioncli.cli.answer import is_close, line_of, notes_of, short_names
+from actioncli.cli.answer import is_close, line_of, notes_of, short_names, verdict_width
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_output, load_support
 from actioncli.cli.options import (
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 _BATCH = 64
 # Actions that are ranked where no number is given.
 _RANKED = 5
+# Examples of an action that are read to say what a rejected clip lacks: more take long.
+_MOST_EXPLAINED = 100
 
 
 @command
@@ -137,7 +139,7 @@ def classify(
 
     entries: list[dict[str, object]] = []
     failed = rejected = 0
-    names = short_names(paths)
+    names, width = short_names(paths), verdict_width(support.actions)
     with notes_of(settings, names) as add_notes:
         decided = _decided(settings, paths, options, read, support)
         for path, decision, milliseconds in decided:
@@ -150,7 +152,7 @@ def classify(
                 ranked = decision.to_json(_RANKED if top is None else top)
                 entries.append({"source": str(path), **ranked, "ms": milliseconds})
             else:
-                say(line_of(decision, names[path], support.actions))
+                say(line_of(decision, names[path], width))
                 if not settings.quiet:
                     close = _RANKED if is_close(decision) else 0
                     _print_ranking(decision, close if top is None else top)
@@ -265,7 +267,8 @@ def _advise(
     recognizer = support.recognizer
     # In a window the number of windows counts too, which no part can make up for.
     whole = decision.part == (clip.start, clip.start + clip.duration)
-    if isinstance(recognizer.weights.config, PartsConfig) and whole:
+    few = len(support.actions[decision.nearest]) <= _MOST_EXPLAINED
+    if isinstance(recognizer.weights.config, PartsConfig) and whole and few:
         with settings.open_store() as store:
             lacking = explain_decision(recognizer, store, clip, decision)[0].lacking(decision.tau)
         settings.tell(f"{lacking[0].upper()}{lacking[1:]}.")

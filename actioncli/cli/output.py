@@ -121,9 +121,9 @@ def showable(text: str, otherwise: str) -> str:
     return text
 
 
-def padded(text: str, others: Iterable[str]) -> str:
-    """With spaces, as wide as the widest of the others."""
-    return text + " " * (max(map(_width, others)) - _width(text))
+def padded(text: str, width: int) -> str:
+    """With spaces behind it, so many columns wide."""
+    return text + " " * (width - width_of(text))
 
 
 def plural(count: int, noun: str) -> str:
@@ -142,18 +142,20 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]], indent: str =
     ] or [False] * len(header)
     texts = [[f"{c:.2f}" if isinstance(c, float) else printable(c) for c in row] for row in rows]
     lines = [list(header), *texts]
-    widths = [max(map(_width, column)) for column in zip(*lines, strict=True)]
+    widths = [max(map(width_of, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         indent
         + "  ".join(
-            " " * (width - _width(cell)) + cell if flush else cell + " " * (width - _width(cell))
+            " " * (width - width_of(cell)) + cell
+            if flush
+            else cell + " " * (width - width_of(cell))
             for cell, width, flush in zip(line, widths, right, strict=True)
         ).rstrip()
         for line in lines
     )
 
 
-def _width(text: str) -> int:
+def width_of(text: str) -> int:
     """Terminal columns that `text` takes: East Asian wide characters two, combining marks none."""
     return sum(
         0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1

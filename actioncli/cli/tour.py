@@ -15,7 +15,7 @@ import typer
 
 from actioncli.cli.app import EXIT_UNEXPECTED, app
 from actioncli.cli.command import Settings, command
-from actioncli.cli.output import say, write_json
+from actioncli.cli.output import note, say, write_json
 from actioncli.files import HOME_VARIABLE, examples_folder
 
 # What is said first, the command, and the exit code that belongs to it.
@@ -77,15 +77,22 @@ def tour(settings: Settings) -> None:
 
 
 def _ran(settings: Settings, line: str) -> tuple[int, Any]:
-    """Run a command; its exit code, and its document where JSON is wanted."""
+    """Run a command; its exit code, and its document where JSON is wanted.
+
+    Its notes, on what the files leave open, are no part of the tour.
+    """
     asked = [f"--{name}" for name in ("json", "quiet", "debug") if getattr(settings, name)]
-    written = io.StringIO()
+    written, told = io.StringIO(), io.StringIO()
+    answer = contextlib.redirect_stdout(written) if settings.json else contextlib.nullcontext()
     code: Any = 0
-    with contextlib.redirect_stdout(written) if settings.json else contextlib.nullcontext():
+    with answer, contextlib.redirect_stderr(told):
         try:
             app([*shlex.split(line), *asked], prog_name="actioncli")
         except SystemExit as ended:
             code = ended.code
+    for each in told.getvalue().splitlines():
+        if not each.startswith("note: "):
+            note(each)
     return code, json.loads(written.getvalue()) if settings.json else None
 
 

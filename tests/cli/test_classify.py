@@ -45,6 +45,27 @@ def test_accepted_and_rejected_clips(invoke: Invoke, filled: SupportStore) -> No
         assert len(invoke("classify", SQUAT, *words).stdout.splitlines()) == lines
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+@pytest.mark.parametrize("plain", [False, True])
+def test_terminals_with_colours_get_them_unless_they_are_not_wanted(
+    filled: SupportStore, plain: bool
+) -> None:
+    terminal, stdout = os.openpty()
+    place = {name: text for name, text in os.environ.items() if name != "NO_COLOR"}
+    words = [sys.executable, "-m", "actioncli", "classify", str(SQUAT), "-q"]
+    subprocess.run(words, env={**place, **({"NO_COLOR": "1"} if plain else {})}, stdout=stdout)
+    os.close(stdout)
+    written = os.read(terminal, 10_000).decode()
+    os.close(terminal)
+    assert ("\x1b[32m✓\x1b[0m \x1b[1msquat" in written) != plain
+    assert ("✓ squat" in written) == plain
+
+
+def test_terminals_without_such_signs_get_others(run: Run, filled: SupportStore) -> None:
+    done = run("classify", SQUAT, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert done.stdout.startswith("+ squat         ======|======  ")
+
+
 def test_of_one_rejected_clip_the_way_on_is_told(invoke: Invoke, filled: SupportStore) -> None:
     bow = EXAMPLES / "punch_right/dev.npz"
     said = invoke("classify", bow).stderr.splitlines()
