@@ -95,7 +95,7 @@ def classify(
       actioncli classify query.mp4 --annotate seen.mp4
       actioncli classify query.mp4 --explain why.html
       actioncli classify recordings/ --tau 0.7 --top 3
-      actioncli classify 'day2/*.npy' --json
+      actioncli classify 'day2/*.mp4' --json
 
     \b
     JSON keys:

@@ -36,7 +36,7 @@ def enroll(
         list[Path] | None,
         typer.Argument(
             metavar="CLIP...",
-            help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
+            help="Clip files or videos, folders of them, or patterns such as 'day1/*.mp4'.",
             parser=file_named,
         ),
     ] = None,
@@ -86,7 +86,7 @@ def enroll(
       actioncli enroll kick kick.mp4 --either-side
       actioncli enroll wave recordings/wave/ --note "living room"
       actioncli enroll squat 'day1/squat_*.json' --unit mm --up y
-      actioncli enroll --negative scratching.npy stretching.npy
+      actioncli enroll --negative scratching.mp4 stretching.mp4
 
     \b
     JSON keys:

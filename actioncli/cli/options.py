@@ -52,7 +52,7 @@ ClipArguments = Annotated[
     list[Path],
     typer.Argument(
         metavar="CLIP...",
-        help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
+        help="Clip files or videos, folders of them, or patterns such as 'day1/*.mp4'.",
         parser=file_named,
     ),
 ]
