@@ -1,9 +1,10 @@
-# make demo    install actioncli in .venv-demo and try it on the clips in examples/
+# make demo    install actioncli in .venv-demo and take its tour
 # make test    install it for development in .venv; format, lint, types, tests
 # make nightly the tests that take minutes or hours
 # make fuzz    look for files that readers cannot take, FUZZ_SECONDS (an hour) for each reader
 # make bench   time it (see tests/benchmarks)
 # make dist    archives, SBOM and licences for a release
+# make docs    build the documentation as a site, in site/, to be opened from there
 # make clean   remove all that these made
 #
 # Needs Python 3.11 or newer with its venv module; PYTHON=... picks another one than is found.
@@ -16,11 +17,11 @@ endif
 
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test nightly fuzz bench dist clean
+.PHONY: demo test nightly fuzz bench dist docs clean
 .DEFAULT_GOAL := test
 
 demo: .venv-demo/installed
-	@sh tools/demo.sh .venv-demo/bin
+	@.venv-demo/bin/actioncli tour
 
 test: .venv/installed
 	.venv/bin/ruff format --check .
@@ -57,6 +58,10 @@ dist: .venv/release .venv-demo/installed
 LICENCES = .venv/bin/pip-licenses --format markdown --with-urls --no-version \
 	--ignore-packages actioncli pip setuptools --python
 
+docs: .venv/installed
+	NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict --quiet
+	@echo "Open site/index.html."
+
 bench: .venv/installed
 	.venv/bin/python tests/benchmarks/startup.py
 	.venv/bin/python tests/benchmarks/query.py
@@ -66,7 +71,7 @@ bench: .venv/installed
 	.venv/bin/python tests/benchmarks/video.py
 
 clean:
-	rm -rf .venv .venv-demo .venv-matrix build dist mutants actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .fuzz
+	rm -rf .venv .venv-demo .venv-matrix build dist site mutants actioncli.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .fuzz
 
 # `installed` is written last and removed first: an environment without it was left half made, and
 # is made anew.
@@ -91,7 +96,7 @@ endef
 	@touch $@
 
 # The demo runs what a user gets.
-.venv-demo/installed: pyproject.toml $(shell find actioncli weights -type f -not -name '*.pyc')
+.venv-demo/installed: pyproject.toml $(shell find actioncli examples weights -type f -not -name '*.pyc')
 	$(environment)
 	@echo "Installing actioncli in .venv-demo; this downloads about 100 MB, once."
 	@rm -rf build

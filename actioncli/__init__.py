@@ -21,6 +21,7 @@ from actioncli.errors import (
 )
 
 if TYPE_CHECKING:
+    from actioncli.actions import Actions, open
     from actioncli.calibration.enrolment import enrol
     from actioncli.clips.clip import Clip
     from actioncli.clips.collection import Collection, read_collection
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ActionCliError",
+    "Actions",
     "AmbiguousClipError",
     "Clip",
     "ClipError",
@@ -50,6 +52,7 @@ __all__ = [
     "WeightsError",
     "__version__",
     "enrol",
+    "open",
     "read_clip",
     "read_collection",
     "read_video_clip",
@@ -57,6 +60,8 @@ __all__ = [
 ]
 
 _MODULE_OF = {
+    "Actions": "actioncli.actions",
+    "open": "actioncli.actions",
     "Clip": "actioncli.clips.clip",
     "Collection": "actioncli.clips.collection",
     "read_collection": "actioncli.clips.collection",

@@ -10,12 +10,13 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
-from actioncli.errors import ActionCliError, WeightsError
+from actioncli.errors import ActionCliError, UsageError, WeightsError
 
 HOME_VARIABLE = "ACTIONCLI_HOME"
 # What a file in a folder says in which the tool may delete; and a file that is not finished.
@@ -52,6 +53,85 @@ def user_folder(kind: Literal["data", "cache"]) -> Path:
     if not found.is_absolute():
         raise NoHomeError(f"This user has no home folder: let {HOME_VARIABLE} name a folder.")
     return found
+
+
+def settings_file() -> Path:
+    """The file in which users keep defaults, whether or not it is there.
+
+    Raises:
+        NoHomeError: as `user_folder`.
+    """
+    return user_folder("data") / "config.toml"
+
+
+def user_settings() -> dict[str, Any]:
+    """The defaults that the user set, of `SETTINGS`: in `config.toml`, or by environment variables
+    such as `ACTIONCLI_TAU`, which win.
+
+    Raises:
+        UsageError: one of them is no such setting, or has an impossible value.
+    """
+    found: dict[str, Any] = {}
+    with contextlib.suppress(NoHomeError, FileNotFoundError, NotADirectoryError):
+        file = settings_file()
+        with _settings_of(str(file)):
+            # The package alone takes longer than most commands do without it.
+            text = file.read_text("utf-8")
+            import tomllib
+
+            found = {name: _setting(name, value) for name, value in tomllib.loads(text).items()}
+            if "store" in found:
+                found["store"] = file.parent / found["store"]
+    for name in SETTINGS:
+        variable = f"ACTIONCLI_{name.upper()}"
+        if os.environ.get(variable):
+            with _settings_of(variable):
+                found[name] = _setting(name, os.environ[variable])
+    return found
+
+
+@contextmanager
+def _settings_of(where: str) -> Iterator[None]:
+    try:
+        yield
+    except (FileNotFoundError, NotADirectoryError):
+        raise
+    except OSError as error:
+        raise UsageError(f"{where}: cannot be read: {error.strerror}.") from error
+    except (ValueError, RuntimeError) as error:
+        raise UsageError(f"{where}: {error}; mend it, or take it out.") from error
+
+
+def _setting(name: str, value: object) -> object:
+    if name not in SETTINGS:
+        raise ValueError(f"there is no setting {name!r}, only {', '.join(SETTINGS)}")
+    try:
+        return SETTINGS[name](value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} cannot be {value!r}") from error
+
+
+def _path(value: Any) -> Path:
+    return Path(value).expanduser()
+
+
+def _share(value: Any) -> float:
+    if not 0 <= float(value) <= 1:
+        raise ValueError
+    return float(value)
+
+
+def _quality(value: Any) -> str:
+    if value not in ("fast", "accurate"):
+        raise ValueError
+    return str(value)
+
+
+# What users may set, and what checks it: file of the support set, pose network, threshold where
+# none was calibrated, what `watch` looks at.
+SETTINGS: Mapping[str, Callable[[Any], object]] = MappingProxyType(
+    {"store": _path, "quality": _quality, "tau": _share, "camera": str}
+)
 
 
 def is_own_folder(folder: Path) -> bool:
@@ -96,14 +176,21 @@ def marked_folder(folder: Path, made: Callable[[str], object] = lambda name: Fal
     return mark.is_file() and not mark.is_symlink() and mark.read_bytes() == content
 
 
-def weights_folder() -> Path:
-    """The folder of the shipped weights.
+def _shipped(name: str) -> Path:
+    # A wheel has it inside the package; in a checkout, and so in an editable install, it stands
+    # beside.
+    installed = _PACKAGE / name
+    return installed if installed.is_dir() else _PACKAGE.parent / name
 
-    Inside an installed wheel that is `actioncli/weights`; in a checkout, and so in an editable
-    install, `weights` stands beside the package.
-    """
-    installed = _PACKAGE / "weights"
-    return installed if installed.is_dir() else _PACKAGE.parent / "weights"
+
+def weights_folder() -> Path:
+    """The folder of the shipped weights."""
+    return _shipped("weights")
+
+
+def examples_folder() -> Path:
+    """The folder of the shipped example clips, `action/performer.npz`."""
+    return _shipped("examples")
 
 
 def weights_file(name: str) -> Path:
@@ -190,6 +277,19 @@ def output_lock(output: Path, command: str, error: type[ActionCliError]) -> Iter
         with contextlib.suppress(OSError):
             path.unlink()
         lock.release()
+
+
+def data_frame(content: Any, **named: Any) -> Any:
+    """A table of pandas, which is no requirement.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        from pandas import DataFrame
+    except ImportError as error:
+        raise UsageError("tables need pandas: pip install pandas") from error
+    return DataFrame(content, **named)
 
 
 def json_text(document: object, indent: int | None = 2) -> str:

@@ -20,10 +20,11 @@ MAY_IMPORT = {
     "calibration": {"clips", "store", "recognition"},
     "live": {"clips", "pose", "recognition"},
     "archives": {"clips", "pose", "recognition"},
+    "actions": {"clips", "store", "pose", "recognition", "calibration", "live"},
     "evaluation": {"clips", "model", "recognition"},
     "training": {"clips", "model", "recognition", "evaluation"},
     "report": {"clips", "model", "pose", "recognition", "calibration"},
-    "studio": {"clips", "store", "pose", "recognition", "calibration", "live", "report"},
+    "studio": {"clips", "store", "pose", "recognition", "calibration", "live", "report", "actions"},
 }
 # The public names, and the commands, come from everywhere.
 ROOF = {"actioncli", "__main__", "cli"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import tarfile
 from pathlib import Path
 
 import pytest
@@ -34,9 +33,5 @@ def test_an_empty_environment_does_the_main_job(
     run(sys.executable, "-m", "venv", "empty", cwd=tmp_path)
     pip = [tmp_path / "empty" / "bin" / "python", "-m", "pip", "install", "--quiet"]
     run(*pip, archives[kind], cwd=tmp_path)
-    # The examples, and the script that tries them, are those of the source archive.
-    with tarfile.open(archives["sdist"]) as archive:
-        archive.extractall(tmp_path, filter="data")
-    (unpacked,) = tmp_path.glob("actioncli-*")
-    run("sh", unpacked / "tools" / "demo.sh", tmp_path / "empty" / "bin", cwd=tmp_path)
+    run(tmp_path / "empty" / "bin" / "actioncli", "tour", cwd=tmp_path)
     run(tmp_path / "empty" / "bin" / "actioncli", "doctor", "--json", cwd=tmp_path)

@@ -84,7 +84,7 @@ def test_all_front_ends_answer_alike(
     assert of(by_library) == of(wanted)
 
     studio = pytest.importorskip("actioncli.studio.support", reason="needs the extra studio")
-    assert of(studio.SharedSupport(store.path).loaded().classify(clip)) == of(wanted)
+    assert of(studio.SharedSupport(store.path).classify(clip)) == of(wanted)
 
     row = Task(support).row(str(query))
     assert (row["label"], row["confidence"], row["part_start"]) == (

@@ -18,17 +18,22 @@ from actioncli.errors import WeightsError
 from actioncli.files import weights_file, weights_folder
 
 ROOT = Path(__file__).parent.parent
+IMAGE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 CARD = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built from a copy so that the checkout stays as it is."""
+    """The wheel, built as in the Dockerfile from a copy of what that copies."""
     source = tmp_path_factory.mktemp("source")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    for name in ("actioncli", "weights"):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    skipped = shutil.ignore_patterns("__pycache__")
+    for copied in re.findall(r"^COPY (.*) /source/(\S*)$", IMAGE, re.MULTILINE):
+        *names, place = [*copied[0].split(), copied[1]]
+        for name in names:
+            if (ROOT / name).is_dir():
+                shutil.copytree(ROOT / name, source / place, ignore=skipped)
+            else:
+                shutil.copy(ROOT / name, source / place)
     target = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(target)]
     made = subprocess.run([*build, str(source)], capture_output=True, text=True, check=False)
@@ -36,7 +41,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next(target.glob("*.whl"))
 
 
-def test_wheel_holds_the_package_and_the_weights_and_nothing_else(wheel: Path) -> None:
+def test_wheel_holds_package_weights_examples_and_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
     code = {
@@ -45,7 +50,10 @@ def test_wheel_holds_the_package_and_the_weights_and_nothing_else(wheel: Path) -
         if path.suffix in {".py", ".typed", ".css", ".html", ".js", ".svg"}
     }
     weights = {f"actioncli/weights/{path.name}" for path in (ROOT / "weights").iterdir()}
-    assert held == code | weights
+    examples = {
+        f"actioncli/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("examples/*/*.npz")
+    }
+    assert held == code | weights | examples
 
 
 def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
@@ -53,10 +61,11 @@ def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
     script = (
-        "from actioncli.files import weights_folder\n"
+        "from actioncli.files import examples_folder, weights_folder\n"
         "from actioncli.recognition.recognizer import Recognizer\n"
         "print(weights_folder())\n"
         "print(Recognizer().weights.path)\n"
+        "print(*sorted(examples_folder().glob('bow/*')))\n"
     )
     ran = subprocess.run(
         [sys.executable, "-c", script],
@@ -66,9 +75,26 @@ def test_wheel_works_from_any_folder(wheel: Path, tmp_path: Path) -> None:
         text=True,
         check=True,
     )
-    folder, weights = map(Path, ran.stdout.split())
+    folder, weights, example = map(Path, ran.stdout.split())
     assert folder == site / "actioncli" / "weights"
     assert weights == folder / "trx_os.safetensors"
+    assert example == site / "actioncli" / "examples" / "bow" / "ben.npz"
+
+
+def test_image_copies_what_its_ignore_file_lets_through_and_runs_the_command() -> None:
+    ignore = (ROOT / ".dockerignore").read_text(encoding="utf-8")
+    copied = " ".join(re.findall(r"^COPY (.*) /source/\S*$", IMAGE, re.MULTILINE)).split()
+    assert sorted(re.findall(r"^!(.+)$", ignore, re.MULTILINE)) == sorted(copied)
+    # Its first lines are how it is used; each command there is one of the program's.
+    from actioncli.cli.app import COMMANDS
+
+    used = re.findall(r"^# docker run .* actioncli (\S+)", IMAGE, re.MULTILINE)
+    assert {"enroll", "watch"} <= set(used) <= COMMANDS.keys()
+    [entry] = re.findall(r"^ENTRYPOINT (.*)$", IMAGE, re.MULTILINE)
+    [words] = re.findall(r"^CMD (.*)$", IMAGE, re.MULTILINE)
+    program, *first = json.loads(entry) + json.loads(words)
+    assert CARD["project"]["scripts"][program] == "actioncli.__main__:main"
+    assert subprocess.run([sys.executable, "-m", program, *first], check=False).returncode == 0
 
 
 def test_every_package_is_listed() -> None:
@@ -76,7 +102,8 @@ def test_every_package_is_listed() -> None:
         ".".join(path.parent.relative_to(ROOT).parts)
         for path in (ROOT / "actioncli").rglob("__init__.py")
     }
-    assert set(CARD["tool"]["setuptools"]["packages"]) == found | {"actioncli.weights"}
+    beside = {"actioncli.weights", "actioncli.examples"}
+    assert set(CARD["tool"]["setuptools"]["packages"]) == found | beside
 
 
 def test_importing_is_light() -> None:
@@ -101,6 +128,8 @@ def test_version_is_the_same_everywhere() -> None:
     newest = re.search(r"^## \[(\d[^\]]*)\]", changelog, re.MULTILINE)
     assert newest is not None
     assert newest[1] == actioncli.__version__ == importlib.metadata.version("actioncli")
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {newest[1]}\n" in citation
 
 
 def test_only_training_needs_torch() -> None:

@@ -35,10 +35,12 @@ from actioncli.cli.output import (
     write_json,
 )
 from actioncli.errors import ActionCliError, UsageError
+from actioncli.files import user_settings
 
 # Name to module and function, in the order of the help.
 COMMANDS: Mapping[str, str] = MappingProxyType(
     {
+        "tour": "actioncli.cli.tour:tour",
         "enroll": "actioncli.cli.enroll:enroll",
         "classify": "actioncli.cli.classify:classify",
         "batch": "actioncli.cli.batch:batch",
@@ -67,9 +69,10 @@ EXIT_UNEXPECTED = 70
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 # Commands that do nothing but answer on standard output.
-_ANSWERS = {"classify", "list-support", "show", "evaluate"}
-# What people type, and what they mean.
-_MEANT = {"list": "list-support", "ls": "list-support", "help": "--help", "version": "--version"}
+_ANSWERS = {"classify", "list", "list-support", "show", "evaluate"}
+# Short names; and what people type, and what they mean.
+_SHORT = {"list": "list-support"}
+_MEANT = {"ls": "list", "help": "--help", "version": "--version"}
 
 
 def _build(name: str) -> Any:
@@ -88,6 +91,7 @@ class Application(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in _MEANT:
             ctx.fail(f"There is no command {cmd_name!r}; try 'actioncli {_MEANT[cmd_name]}'.")
+        cmd_name = _SHORT.get(cmd_name, cmd_name)
         # An unknown name loads them all, so that Typer can suggest the one that was meant.
         for name in [cmd_name] if cmd_name in COMMANDS else COMMANDS:
             if name not in self.commands:
@@ -104,7 +108,7 @@ class Application(TyperGroup):
                 stream.reconfigure(errors="backslashreplace")
         words = list(sys.argv[1:] if args is None else args)
         try:
-            if closed and next((word for word in words if word in COMMANDS), None) in _ANSWERS:
+            if closed and next((w for w in words if w in COMMANDS or w in _SHORT), "") in _ANSWERS:
                 raise OutputError("standard output is closed, and the answer would be lost.")
             with _ended_like_ctrl_c():
                 code = super().main(args, *rest, **{**extra, "standalone_mode": False})
@@ -226,7 +230,32 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(invoke_without_command=True)
+# Stands below the commands.
+_EPILOG = """
+--store, --json, --quiet and --debug are understood before a command's name and after it.
+
+\b
+Exit codes:
+  0    done, and every clip was accepted
+  1    at least one clip was rejected
+  2    wrong usage
+  3    a clip cannot be read or is unsuitable (the others were still worked on)
+  4    the support set is empty, or a label is not in it
+  5    the support set's file, or an exported one, cannot be used
+  6    the weights cannot be used
+  70   a bug        74   the output could not be written, or a disk is full
+  130  interrupted  141  nobody reads the output any more
+Where clips were rejected and others could not be read, it is 3.
+
+With --json, standard output holds one JSON document and nothing else; an error that ends a
+command is {"error": {"type", "message", "exit_code"}}. Its line on standard error stays.
+
+Defaults of your own stand in config.toml beside the support set, `tau = 0.7` for instance: store,
+quality, tau, camera; or in the environment: ACTIONCLI_TAU. `doctor` shows them.
+"""
+
+
+@app.callback(invoke_without_command=True, epilog=_EPILOG)
 def root(
     ctx: typer.Context,
     store: StoreOption = None,
@@ -241,29 +270,23 @@ def root(
 
     \b
     Examples:
-      actioncli enroll wave wave.npy
-      actioncli classify query.npy
-      actioncli list-support
-
-    --store, --json, --quiet and --debug are understood before a command's name and after it.
-
-    \b
-    Exit codes:
-      0    done, and every clip was accepted
-      1    at least one clip was rejected
-      2    wrong usage
-      3    a clip cannot be read or is unsuitable (the others were still worked on)
-      4    the support set is empty, or a label is not in it
-      5    the support set's file, or an exported one, cannot be used
-      6    the weights cannot be used
-      70   a bug        74   the output could not be written, or a disk is full
-      130  interrupted  141  nobody reads the output any more
-    Where clips were rejected and others could not be read, it is 3.
-
-    With --json, standard output holds one JSON document and nothing else; an error that ends a
-    command is {"error": {"type", "message", "exit_code"}}. Its line on standard error stays.
+      actioncli tour                       see what it does, in the terminal
+      actioncli enroll wave wave.mp4       one video of an action, and its name
+      actioncli classify query.mp4         which action does it show, or none?
+      actioncli watch                      tell every action before the camera
     """
     ctx.obj = Settings(store, json, quiet, debug)
     if ctx.invoked_subcommand is None:
         note(ctx.get_help())
         raise typer.Exit(EXIT_USAGE)
+    # `doctor` is who tells what is wrong with them.
+    if ctx.invoked_subcommand != "doctor":
+        ctx.default_map = _defaults()
+
+
+def _defaults() -> dict[str, Any]:
+    """The user's settings as defaults of options, by command."""
+    found = user_settings()
+    quality = {"quality": found["quality"]} if "quality" in found else {}
+    camera = {"source": found["camera"]} if "camera" in found else {}
+    return {**dict.fromkeys(COMMANDS, quality), "watch": {**quality, **camera}}

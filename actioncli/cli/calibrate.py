@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from actioncli.cli.answer import notes_of, short_names
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import tell_notes
 from actioncli.cli.options import FileReading, WeightsOption
 from actioncli.cli.output import plural, printable, progress, say, table, write_json
 from actioncli.cli.reading import read_each, usable
@@ -162,13 +162,15 @@ def _read(
 
     embeddings = [recognizer.embed([])]
     failed = 0
-    given = read_each(find_any(paths), options, shown=not settings.quiet)
-    for path, clip in usable(given, recognizer):
-        if isinstance(clip, dict):
-            failed += 1
-        else:
-            tell_notes(settings, path, clip.notes)
-            embeddings.append(recognizer.embed([clip]))
+    files = find_any(paths)
+    given = read_each(files, options, shown=not settings.quiet)
+    with notes_of(settings, short_names(files)) as add_notes:
+        for path, clip in usable(given, recognizer):
+            if isinstance(clip, dict):
+                failed += 1
+            else:
+                add_notes(path, clip.notes)
+                embeddings.append(recognizer.embed([clip]))
     return np.concatenate(embeddings), failed
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,8 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from actioncli.archives.processes import cores, in_processes
+from actioncli.cli.answer import is_close, line_of, notes_of, short_names, verdict_width
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import check_output, load_support, tell_notes
+from actioncli.cli.common import check_output, load_support
 from actioncli.cli.options import (
     ClipArguments,
     ClipReading,
@@ -36,6 +38,10 @@ if TYPE_CHECKING:
 
 # Files of joints that are classified together, at most.
 _BATCH = 64
+# Actions that are ranked where no number is given.
+_RANKED = 5
+# Examples of an action that are read to say what a rejected clip lacks: more take long.
+_MOST_EXPLAINED = 100
 
 
 @command
@@ -44,7 +50,14 @@ def classify(
     clips: ClipArguments,
     *,
     tau: TauOption = None,
-    top: Annotated[int, typer.Option(metavar="N", min=0, help="Length of the ranking.")] = 5,
+    top: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="Show the N nearest actions.  [default: 5 in JSON, else where it was close]",
+        ),
+    ] = None,
     weights: WeightsOption = None,
     options: ClipReading,
     explain: Annotated[
@@ -64,11 +77,14 @@ def classify(
 ) -> None:
     """Name the action that clips show, or reject them.
 
-    The nearest action is accepted if its confidence is above the threshold tau. Beside it stand
-    the N nearest actions with their distance, their probability among all enrolled actions, and
-    the confidence that the clip shows them whatever else is enrolled. A clip that is nearer to a
-    negative (`enroll --negative`) than to every action is rejected, whatever its confidence. A
-    clip that cannot be used is reported, and the others are still classified.
+    The nearest action is accepted if its confidence is above the threshold tau: on the line of a
+    clip stand the verdict, a bar with a mark at tau, both numbers, and where in the clip it was.
+    With --top, or where another action came close, the nearest actions follow with their
+    distance, their probability among all enrolled actions, and the confidence that the clip shows
+    them whatever else is enrolled. Of one clip that is rejected, it is told what would have had to
+    be alike. A clip that is nearer to a negative (`enroll --negative`) than to every action is
+    rejected, whatever its confidence. A clip that cannot be used is reported, and the others are
+    still classified.
 
     In a clip that lasts 1.5 times as long as the enrolled ones or longer, windows of about their
     length compete with the whole; the part that shows an action best is told.
@@ -79,7 +95,7 @@ def classify(
       actioncli classify query.mp4 --annotate seen.mp4
       actioncli classify query.mp4 --explain why.html
       actioncli classify recordings/ --tau 0.7 --top 3
-      actioncli classify 'day2/*.npy' --json
+      actioncli classify 'day2/*.mp4' --json
 
     \b
     JSON keys:
@@ -123,23 +139,31 @@ def classify(
 
     entries: list[dict[str, object]] = []
     failed = rejected = 0
-    decided = _decided(settings, paths, options, read, support)
-    for path, decision, milliseconds in decided:
-        if isinstance(decision, ClipError):
-            failed += 1
-            entries.append(report_bad_clip(path, decision))
-            continue
-        if annotate is not None:
-            write_annotation(path, annotate, kept[1], decision, shown=not settings.quiet)
-            settings.tell(f"drawn in {printable(annotate)}")
-        if explain is not None:
-            _explain(settings, support, kept[0], decision, explain)
-        rejected += not decision.accepted
-        if settings.json:
-            entries.append({"source": str(path), **decision.to_json(top), "ms": milliseconds})
-        else:
-            tell_notes(settings, path, decision.notes)
-            _print(str(path), decision, 0 if settings.quiet else top, milliseconds)
+    names, width = short_names(paths), verdict_width(support.actions)
+    with notes_of(settings, names) as add_notes:
+        decided = _decided(settings, paths, options, read, support)
+        for path, decision, milliseconds in decided:
+            if isinstance(decision, ClipError):
+                failed += 1
+                entries.append(report_bad_clip(path, decision))
+                continue
+            rejected += not decision.accepted
+            if settings.json:
+                ranked = decision.to_json(_RANKED if top is None else top)
+                entries.append({"source": str(path), **ranked, "ms": milliseconds})
+            else:
+                say(line_of(decision, names[path], width))
+                if not settings.quiet:
+                    close = _RANKED if is_close(decision) else 0
+                    _print_ranking(decision, close if top is None else top)
+                    if len(paths) == 1 and not decision.accepted:
+                        _advise(settings, support, path, kept[0], decision)
+                add_notes(path, decision.notes)
+            if annotate is not None:
+                write_annotation(path, annotate, kept[1], decision, shown=not settings.quiet)
+                settings.tell(f"drawn in {printable(annotate)}")
+            if explain is not None:
+                _explain(settings, support, kept[0], decision, explain)
     if settings.json:
         enrolled = {"tau": support.threshold.tau, "actions": len(support.actions)}
         used = {"weights": recognizer.weights.checksum}
@@ -214,18 +238,14 @@ def _explain(
         UsageError: it cannot be written.
         SupportError: the action was removed meanwhile.
     """
-    from actioncli.clips.edit import cut
-    from actioncli.recognition.explanation import explain
+    from actioncli.recognition.explanation import explain_decision
     from actioncli.report.contributions import Explained
     from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
 
     recognizer = support.recognizer
-    if decision.part is not None:
-        clip = cut(clip, *(at - clip.start for at in decision.part))
     with settings.open_store() as store:
-        enrolled = store.examples(decision.nearest)
-        found = explain(recognizer, clip, [store.clip(example.id) for example in enrolled])
-        shown = [enrolled[found.example]]
+        found, clip = explain_decision(recognizer, store, clip, decision)
+        shown = [store.examples(decision.nearest)[found.example]]
         shown += [store.examples(each.label)[0] for each in decision.ranking[1:SHOWN]]
         named = [(each, f"example {each.id}, {each.source}") for each in shown]
         neighbours = [Neighbour(each.label, text, store.clip(each.id)) for each, text in named]
@@ -234,11 +254,32 @@ def _explain(
     settings.tell(f"explained in {printable(page)}")
 
 
-def _print(source: str, decision: Decision, top: int, milliseconds: float) -> None:
-    but = ", but a negative is nearer" if decision.negative_is_nearer else ""
-    verdict = "rejected" if decision.label is None else printable(decision.label)
-    nearest = f"nearest {printable(decision.nearest)}, {decision.comparison}{but}"
-    say(f"{printable(source)}: {verdict}  ({nearest}, {milliseconds:.0f} ms)")
+def _advise(
+    settings: Settings, support: SupportSet, path: Path, clip: Clip, decision: Decision
+) -> None:
+    """Say of a rejected clip what would have had to be alike, and what can be done next."""
+    from actioncli.model.config import PartsConfig
+    from actioncli.recognition.explanation import explain_decision
+
+    if decision.negative_is_nearer:
+        settings.tell("It is nearer to what you enrolled with --negative than to every action.")
+        return
+    recognizer = support.recognizer
+    # In a window the number of windows counts too, which no part can make up for.
+    whole = decision.part == (clip.start, clip.start + clip.duration)
+    few = len(support.actions[decision.nearest]) <= _MOST_EXPLAINED
+    if isinstance(recognizer.weights.config, PartsConfig) and whole and few:
+        with settings.open_store() as store:
+            lacking = explain_decision(recognizer, store, clip, decision)[0].lacking(decision.tau)
+        settings.tell(f"{lacking[0].upper()}{lacking[1:]}.")
+    file, label = (shlex.quote(printable(each)) for each in (path, decision.nearest))
+    settings.tell(
+        f"If it is the same to you: actioncli enroll {label} {file}\n"
+        f"To see why: actioncli classify {file} --explain why.html"
+    )
+
+
+def _print_ranking(decision: Decision, top: int) -> None:
     if top:
         columns = ("distance", "probability", "confidence")
         ranked = decision.ranking[:top]

@@ -22,8 +22,8 @@ StoreOption = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="The support set's file.  [default: $ACTIONCLI_HOME/support.db or the user's "
-        "data folder]",
+        help="The support set's file.  [default: that of config.toml, else "
+        "$ACTIONCLI_HOME/support.db or in the user's data folder]",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]

@@ -17,7 +17,7 @@ from actioncli._version import __version__
 from actioncli.cli.command import Settings, command
 from actioncli.cli.options import WeightsOption
 from actioncli.cli.output import note, plural, printable, say, table, write_json
-from actioncli.errors import ActionCliError, StoreError, WeightsError
+from actioncli.errors import ActionCliError, StoreError, UsageError, WeightsError
 
 if TYPE_CHECKING:
     from actioncli.store.repair import Repair
@@ -100,6 +100,7 @@ def doctor(
     checks = [
         Check("actioncli", "ok", __version__),
         Check("python", "ok", f"{platform.python_version()} on {platform.platform()}"),
+        _settings(),
         *_packages(),
         *_shipped_files(),
         *_recognition(weights),
@@ -142,6 +143,18 @@ def _repair(settings: Settings) -> Repair | None:
     if not done.complete:
         say("Whether more is gone cannot be told: the list of examples was damaged too.")
     return done
+
+
+def _settings() -> Check:
+    from actioncli.files import NoHomeError, settings_file, user_settings
+
+    try:
+        found = ", ".join(f"{name} {value}" for name, value in user_settings().items())
+        return Check("settings", "ok", f"{found or 'none'} ({settings_file()}, environment)")
+    except NoHomeError as error:
+        return Check("settings", "ok", str(error))
+    except UsageError as error:
+        return Check("settings", "problem", str(error), UsageError.exit_code)
 
 
 def _packages() -> Iterator[Check]:
@@ -234,8 +247,8 @@ def _support_set(settings: Settings) -> Iterator[Check]:
             problems = store.check()
             actions = store.actions()
             copy = store.backup_flaw()
-    except StoreError as error:
-        yield Check("support set", "problem", str(error), StoreError.exit_code)
+    except (StoreError, UsageError) as error:
+        yield Check("support set", "problem", str(error), error.exit_code)
         return
     for problem in problems:
         yield Check("support set", "problem", problem, StoreError.exit_code)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from actioncli.cli.answer import notes_of, short_names
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import tell_notes
 from actioncli.cli.options import ClipReading, WeightsOption, complete_label, file_named
 from actioncli.cli.output import plural, printable, say, write_json
 from actioncli.cli.reading import read_each, usable
@@ -36,7 +36,7 @@ def enroll(
         list[Path] | None,
         typer.Argument(
             metavar="CLIP...",
-            help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
+            help="Clip files or videos, folders of them, or patterns such as 'day1/*.mp4'.",
             parser=file_named,
         ),
     ] = None,
@@ -87,7 +87,7 @@ def enroll(
       actioncli enroll kick kick.mp4 --either-side
       actioncli enroll wave recordings/wave/ --note "living room"
       actioncli enroll squat 'day1/squat_*.json' --unit mm --up y
-      actioncli enroll --negative scratching.npy stretching.npy
+      actioncli enroll --negative scratching.mp4 stretching.mp4
 
     \b
     JSON keys:
@@ -128,22 +128,24 @@ def enroll(
 
     entries: list[dict[str, object]] = []
     remaining = iter(enrolled)
-    for path, clip in outcomes:
-        if isinstance(clip, dict):
-            entries.append(clip)
-            continue
-        one = next(remaining)
-        described = {"frames": len(clip), "seconds": clip.duration, "notes": list(clip.notes)}
-        entries.append({"source": str(path), **one.to_json(), **described})
-        if not (settings.json or settings.quiet):
-            tell_notes(settings, path, clip.notes)
-            say(
-                f"{printable(label)}: {printable(path)} "
-                f"{'added' if one.added else 'already there'} as example {one.example} "
-                f"({plural(len(clip), 'frame')}, {clip.duration:.1f} s)"
-            )
-        for line in one.warnings:
-            settings.tell(f"warning: {printable(path)}: {printable(line)}")
+    names = short_names(path for path, _ in outcomes)
+    with notes_of(settings, names) as add_notes:
+        for path, clip in outcomes:
+            if isinstance(clip, dict):
+                entries.append(clip)
+                continue
+            one = next(remaining)
+            described = {"frames": len(clip), "seconds": clip.duration, "notes": list(clip.notes)}
+            entries.append({"source": str(path), **one.to_json(), **described})
+            if not (settings.json or settings.quiet):
+                add_notes(path, clip.notes)
+                say(
+                    f"{printable(label)}: {printable(names[path])} "
+                    f"{'added' if one.added else 'already there'} as example {one.example} "
+                    f"({plural(len(clip), 'frame')}, {clip.duration:.1f} s)"
+                )
+            for line in one.warnings:
+                settings.tell(f"warning: {printable(names[path])}: {printable(line)}")
     images = list(remaining)
     if images:
         settings.tell(f"{plural(len(images), 'mirror image')} kept beside the clips")

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from actioncli.cli.answer import notes_of, short_names
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import check_output, tell_notes
+from actioncli.cli.common import check_output
 from actioncli.cli.options import ForceOption, VideoReading, file_named
 from actioncli.cli.output import plural, printable, say, write_json
 from actioncli.cli.reading import read_each, report_bad_clip
@@ -81,33 +82,34 @@ def extract(
     entries: list[dict[str, object]] = []
     failed = 0
     clips = read_each(paths, options, shown=not settings.quiet, read=read)
-    for (path, clip), target in zip(clips, targets, strict=True):
-        try:
-            if isinstance(clip, ClipError):
-                raise clip
-            target.parent.mkdir(parents=True, exist_ok=True)
-            write_clip(target, clip, format or (None if target == output else "npz"))
-        except ClipError as error:
-            failed += 1
-            entries.append(report_bad_clip(path, error))
-            continue
-        entries.append(
-            {
-                "source": str(path),
-                "file": str(target),
-                "frames": len(clip),
-                "fps": clip.fps,
-                "seconds": clip.duration,
-                "notes": list(clip.notes),
-            }
-        )
-        if not settings.json:
-            tell_notes(settings, path, clip.notes)
-            if not settings.quiet:
-                say(
-                    f"{printable(target)}: {plural(len(clip), 'frame')}, {clip.duration:.1f} s, "
-                    f"of {printable(path)}"
-                )
+    with notes_of(settings, short_names(paths)) as add_notes:
+        for (path, clip), target in zip(clips, targets, strict=True):
+            try:
+                if isinstance(clip, ClipError):
+                    raise clip
+                target.parent.mkdir(parents=True, exist_ok=True)
+                write_clip(target, clip, format or (None if target == output else "npz"))
+            except ClipError as error:
+                failed += 1
+                entries.append(report_bad_clip(path, error))
+                continue
+            entries.append(
+                {
+                    "source": str(path),
+                    "file": str(target),
+                    "frames": len(clip),
+                    "fps": clip.fps,
+                    "seconds": clip.duration,
+                    "notes": list(clip.notes),
+                }
+            )
+            if not settings.json:
+                add_notes(path, clip.notes)
+                if not settings.quiet:
+                    say(
+                        f"{printable(target)}: {plural(len(clip), 'frame')}, "
+                        f"{clip.duration:.1f} s, of {printable(path)}"
+                    )
     if settings.json:
         write_json({"clips": entries, "written": len(entries) - failed, "failed": failed})
     if failed:

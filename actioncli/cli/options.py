@@ -52,7 +52,7 @@ ClipArguments = Annotated[
     list[Path],
     typer.Argument(
         metavar="CLIP...",
-        help="Clip files or videos, folders of them, or patterns such as 'day1/*.npy'.",
+        help="Clip files or videos, folders of them, or patterns such as 'day1/*.mp4'.",
         parser=file_named,
     ),
 ]
@@ -80,7 +80,8 @@ TauOption = Annotated[
     float | None,
     typer.Option(
         metavar="0..1",
-        help="Accept where the confidence is above it.  [default: the calibrated one, else 0.5]",
+        help="Accept where the confidence is above it.  [default: the calibrated one, else that of "
+        "config.toml, else 0.5]",
     ),
 ]
 WeightsOption = Annotated[
@@ -100,7 +101,11 @@ EndOption = Annotated[
 ]
 QualityOption = Annotated[
     Literal["fast", "accurate"] | None,
-    typer.Option(metavar="fast|accurate", help="Pose network for videos.  [default: fast]"),
+    typer.Option(
+        metavar="fast|accurate",
+        help="Pose network for videos.  [default: that of config.toml, else fast]",
+        show_default=False,
+    ),
 ]
 PersonOption = Annotated[
     int | None,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import sys
 import time
 import unicodedata
@@ -97,6 +98,34 @@ def error_entry(error: BaseException, exit_code: int) -> dict[str, object]:
     }
 
 
+# Colours of a terminal.
+GREEN, GREY, BOLD = "32", "90", "1"
+
+
+def colours() -> bool:
+    """Whether standard output shows colours, and the user wants them."""
+    return sys.stdout.isatty() and "NO_COLOR" not in os.environ
+
+
+def coloured(text: str, colour: str) -> str:
+    """Text in a colour, where there are colours."""
+    return f"\x1b[{colour}m{text}\x1b[0m" if text and colours() else text
+
+
+def showable(text: str, otherwise: str) -> str:
+    """The first of two texts, if standard output has signs for it."""
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return otherwise
+    return text
+
+
+def padded(text: str, width: int) -> str:
+    """With spaces behind it, so many columns wide."""
+    return text + " " * (width - width_of(text))
+
+
 def plural(count: int, noun: str) -> str:
     """`1 clip`, `2 clips`."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
@@ -113,18 +142,20 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]], indent: str =
     ] or [False] * len(header)
     texts = [[f"{c:.2f}" if isinstance(c, float) else printable(c) for c in row] for row in rows]
     lines = [list(header), *texts]
-    widths = [max(map(_width, column)) for column in zip(*lines, strict=True)]
+    widths = [max(map(width_of, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         indent
         + "  ".join(
-            " " * (width - _width(cell)) + cell if flush else cell + " " * (width - _width(cell))
+            " " * (width - width_of(cell)) + cell
+            if flush
+            else cell + " " * (width - width_of(cell))
             for cell, width, flush in zip(line, widths, right, strict=True)
         ).rstrip()
         for line in lines
     )
 
 
-def _width(text: str) -> int:
+def width_of(text: str) -> int:
     """Terminal columns that `text` takes: East Asian wide characters two, combining marks none."""
     return sum(
         0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 from pathlib import Path
@@ -13,7 +12,16 @@ import typer
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_output
 from actioncli.cli.options import ForceOption, complete_label
-from actioncli.cli.output import plural, printable, progress, say, table, write_json
+from actioncli.cli.output import (
+    colours,
+    plural,
+    printable,
+    progress,
+    say,
+    showable,
+    table,
+    write_json,
+)
 from actioncli.errors import SupportError, UsageError
 
 if TYPE_CHECKING:
@@ -29,6 +37,8 @@ YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
 @command
 def list_support(settings: Settings) -> None:
     """List the enrolled actions, and the negatives.
+
+    `list` is a short name of this command.
 
     \b
     Examples:
@@ -151,13 +161,8 @@ def draw(clip: Clip) -> None:
     from actioncli.report.terminal import strip_lines
 
     columns = shutil.get_terminal_size().columns
-    colours = sys.stdout.isatty() and "NO_COLOR" not in os.environ
-    try:
-        "\u28ff\u2594".encode(sys.stdout.encoding or "ascii")
-        braille = True
-    except UnicodeEncodeError:
-        braille = False
-    for line in strip_lines(figure(clip), columns, colours, braille):
+    braille = showable("\u28ff\u2594", "") != ""
+    for line in strip_lines(figure(clip), columns, colours(), braille):
         say(line)
 
 

@@ -64,7 +64,7 @@ def train(
     Examples:
       actioncli train recordings/*.npz --out my.safetensors
       actioncli train recordings/*.npz --recipe paper --splits splits.json --out paper.safetensors
-      actioncli classify query.npy --weights my.safetensors
+      actioncli classify query.mp4 --weights my.safetensors
 
     \b
     JSON keys:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from actioncli.clips.drawing import strip
 from actioncli.clips.gaps import filled
 from actioncli.clips.skeleton import FloatArray as FloatArray
 from actioncli.errors import ClipError
+from actioncli.files import data_frame
 
 # Positions beyond this distance (metres) are not a person near a sensor but a wrong unit.
 LARGEST_COORDINATE = 1e4
@@ -138,6 +140,19 @@ class Clip:
         caption = f"{len(self)} frames, {self.duration:.1f} s, {source}".rstrip(", ")
         picture = strip(self.filled(), self.joint_names, caption)
         return picture or f"<pre>{escape(repr(self))}</pre>"
+
+    def to_pandas(self) -> Any:
+        """A DataFrame: a row for each frame by its time in seconds, the columns `lwri.x` and so
+        on, metres.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        times = self.start + np.arange(len(self)) / self.fps
+        columns = [f"{name}.{axis}" for name in self.joint_names for axis in "xyz"]
+        table = data_frame(self.joints.reshape(len(self), -1), index=times, columns=columns)
+        table.index.name = "seconds"
+        return table
 
 
 def _frozen(values: ArrayLike, what: str) -> FloatArray:

@@ -13,7 +13,7 @@ from actioncli.model.arrays import Array, like, namespace
 from actioncli.model.config import PartsConfig
 
 # Bones of torso, arms and legs; the last one of each ends where the part ends.
-_BONES = ((2, 7, 0), (8, 10, 12), (9, 11, 13), (0, 3, 5), (1, 4, 6))
+PART_BONES = ((2, 7, 0), (8, 10, 12), (9, 11, 13), (0, 3, 5), (1, 4, 6))
 BODY, HAND = 33, 180  # numbers a token: see `tokens`
 
 
@@ -56,7 +56,7 @@ def tokens(
                 3 * velocity[:, :, part],
                 1.5 * moved[:, :, part[-1:]],
             )
-            for part in map(list, _BONES)
+            for part in map(list, PART_BONES)
         ],
         axis=2,
     )

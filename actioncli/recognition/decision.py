@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from html import escape
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
+from actioncli.files import data_frame
 from actioncli.recognition.threshold import Threshold
 
 
@@ -109,6 +111,14 @@ class Decision:
             for ranked in self.ranking[:5]
         )
         return f"<table><caption>{escape(repr(self)[9:-1])}</caption>{rows}</table>"
+
+    def to_pandas(self) -> Any:
+        """A DataFrame of the ranking, nearest first, by label.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        return data_frame([ranked.to_json() for ranked in self.ranking]).set_index("label")
 
     def to_json(self, top: int | None = None) -> dict[str, object]:
         """As plain values, with the `top` nearest actions; None for all."""

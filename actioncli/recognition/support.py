@@ -10,6 +10,7 @@ import numpy as np
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import SupportError
+from actioncli.files import user_settings
 from actioncli.recognition.decision import Decision
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.recognition.threshold import DEFAULT_TAU, THRESHOLD_SETTING, Threshold
@@ -78,7 +79,9 @@ class SupportSet:
         if stored is not None and stored.weights == checksum:
             threshold = stored
         else:
-            threshold = Threshold(DEFAULT_TAU if tau is None else tau, checksum)
+            if tau is None:
+                tau = user_settings().get("tau", DEFAULT_TAU)
+            threshold = Threshold(tau, checksum)
         by_label: dict[str, list[int]] = {}
         for example in found.examples:
             by_label.setdefault("" if example.negative else example.label, []).append(example.id)

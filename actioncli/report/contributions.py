@@ -11,7 +11,7 @@ from actioncli.clips.clip import Clip
 from actioncli.clips.prepare import Preparation
 from actioncli.model.arrays import sigmoid
 from actioncli.recognition.decision import Decision
-from actioncli.recognition.explanation import Explanation
+from actioncli.recognition.explanation import Explanation, listed
 from actioncli.report.plots import SHARES, Axis, Plot, fitting
 
 
@@ -60,18 +60,14 @@ def _summary(case: Explained) -> str:
     differ = [part for part in parts if parts[part] < -0.1]
     nearest = escape(case.decision.nearest)
     said = [
-        f"{_listed(names)} {verb} {nearest}"
+        f"{escape(listed(names))} {verb} {nearest}"
         for names, verb in ((agree, "speak for"), (differ, "speak against"))
         if names
     ]
-    if not said:
-        return f"<p>No part of the body alone decides about {nearest}.</p>"
-    return f"<p>{'; '.join(said).capitalize()}.</p>"
-
-
-def _listed(names: list[str]) -> str:
-    names = [f"the {escape(name)}" for name in names]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    told = [f"{'; '.join(said)}." if said else f"no part alone decides about {nearest}."]
+    if not (case.decision.accepted or case.decision.negative_is_nearer):
+        told.append(f"{escape(case.explanation.lacking(case.decision.tau))}.")
+    return f"<p>{' '.join(each[0].upper() + each[1:] for each in told)}</p>"
 
 
 def _parts(explanation: Explanation) -> str:

@@ -12,7 +12,7 @@ import zlib
 from pathlib import Path
 
 from actioncli.errors import StoreError
-from actioncli.files import HOME_VARIABLE, NoHomeError, user_folder
+from actioncli.files import HOME_VARIABLE, NoHomeError, user_folder, user_settings
 from actioncli.store.faults import system_fault
 
 FILE_NAME = "support.db"
@@ -23,13 +23,17 @@ _LONGEST_PATH = 512 - 8
 
 
 def store_path(path: str | Path | None = None) -> Path:
-    """The store's file: `path`, else `$ACTIONCLI_HOME/support.db`, else the user's data folder.
+    """The store's file: `path`, else what the user set, else `$ACTIONCLI_HOME/support.db`, else in
+    the user's data folder.
 
     Raises:
+        UsageError: the user's settings cannot be read.
         StoreError: the user has no home, or `ACTIONCLI_HOME` begins with that of nobody (`~name`).
     """
     if path is not None:
         return Path(path).absolute()
+    if named := user_settings().get("store"):
+        return Path(named).absolute()
     try:
         return user_folder("data") / FILE_NAME
     except NoHomeError as error:

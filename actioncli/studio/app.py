@@ -84,7 +84,7 @@ class Studio:
 
     def state(self, request: Request) -> Response:
         """What is enrolled; nothing new where the page names the version that it has."""
-        version = self.support.version()
+        version = self.support.version
         if request.query_params.get("version") == version:
             return AsciiJson({"version": version})
         return AsciiJson({**self.support.state(), "limit": self.limit, "layouts": list(LAYOUTS)})
@@ -128,7 +128,7 @@ class Studio:
         if message := upload.error():
             return AsciiJson({**entry, "state": "failed", "message": message})
         clip = upload.clip()
-        support = self.support.loaded()
+        support = self.support.support
         decision = support.classify(clip, upload.whole) if support.actions else None
         entry |= {
             "state": "ready",
@@ -152,7 +152,7 @@ class Studio:
         label = "" if negative else _text(asked, "label")
         number = request.path_params["id"]
         clip = self.uploads.get(number).clip()
-        enrolled = await asyncio.to_thread(self.support.enroll, label, clip, negative)
+        [enrolled] = await asyncio.to_thread(self.support.enrol, label, clip, negative=negative)
         self.uploads.discard(number)
         return AsciiJson({"label": enrolled.label, **enrolled.to_json()})
 

@@ -87,7 +87,7 @@ class Camera:
 
     def _follow_support(self) -> None:
         """What is enrolled may change while the camera runs."""
-        loaded = self._support.loaded()
+        loaded = self._support.support
         if self._used == (loaded, self.tau):
             return
         self._used = loaded, self.tau

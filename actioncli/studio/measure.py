@@ -42,7 +42,7 @@ class Measurement:
         Raises:
             StoreError: the store cannot be read.
         """
-        loaded = self._support.loaded()
+        loaded = self._support.support
         if not loaded.actions:
             return {"state": "nothing"}
         # Another threshold, or embeddings that were written, change nothing that is measured.

@@ -85,7 +85,9 @@ class Review:
         warnings: list[str] = []
         if decision != "delete":
             clip = one_repetition(kept.clip())
-            enrolled = self.support.enroll(label, clip, decision == "negative", kept.origin)
+            enrolled = self.support.enrol(
+                label, clip, note=kept.origin, negative=decision == "negative"
+            )[0]
             warnings = [*clip.notes, *enrolled.warnings]
         kept.forget()
         self.done[decision] += 1

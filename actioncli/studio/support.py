@@ -5,24 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from actioncli.calibration.enrolment import Enrolled, enrol
-from actioncli.clips.clip import Clip
-from actioncli.recognition.followed import FollowedSupport
+from actioncli.actions import Actions
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
 from actioncli.store.store import SupportStore
 
 
-class SharedSupport:
-    """A store and a recogniser. May be used from several threads, beside other processes.
-
-    Attributes:
-        store: where examples are kept.
-        recognizer: what compares.
-        loaded: gives what is enrolled now.
-        version: gives a text that changes when the store does.
-    """
+class SharedSupport(Actions):
+    """A store and a recogniser. May be used from several threads, beside other processes."""
 
     def __init__(self, path: Path | None = None) -> None:
         """Open a store; nothing is created.
@@ -31,15 +22,11 @@ class SharedSupport:
             StoreError: it cannot be a store.
             WeightsError: the weights cannot be used.
         """
-        self.store = SupportStore(path)
-        self.recognizer = Recognizer()
-        self.loaded = FollowedSupport(self.store, self.recognizer)
-        self.version = self.loaded.version
+        super().__init__(SupportStore(path), Recognizer())
 
     def state(self) -> dict[str, Any]:
         """All that is enrolled, in words."""
-        version = self.version()
-        support = self.loaded()
+        version, support = self.version, self.support
         actions: dict[str, dict[str, Any]] = {}
         for each in support.examples:
             action = actions.setdefault(
@@ -62,11 +49,3 @@ class SharedSupport:
             SupportError: there is no such example.
         """
         return playable(figure(self.store.clip(example)))
-
-    def enroll(self, label: str, clip: Clip, negative: bool, note: str = "") -> Enrolled:
-        """Keep a clip, as an example of an action or as what must never be accepted.
-
-        Raises:
-            UsageError: the label is not allowed.
-        """
-        return enrol(self.store, self.recognizer, label, [clip], note, negative)[0]

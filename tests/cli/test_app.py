@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 
 import actioncli
-from actioncli import SupportStore
+from actioncli import Recognizer, SupportStore
 from actioncli.cli import app as application
 from actioncli.cli.app import COMMANDS
+from actioncli.recognition.threshold import Threshold, keep_threshold
 
 from .conftest import EXAMPLES, Invoke, MakeClip, Run
 
@@ -28,7 +29,7 @@ def test_version(invoke: Invoke) -> None:
 def test_without_a_command_help_is_shown_and_usage_is_wrong(invoke: Invoke) -> None:
     result = invoke()
     assert (result.exit_code, result.stdout) == (2, "")
-    commands = result.stderr.partition("Commands:\n")[2].splitlines()
+    commands = result.stderr.partition("Commands:\n")[2].partition("\n\n")[0].splitlines()
     assert [line.split()[0] for line in commands] == list(COMMANDS)
     assert not [line for line in commands if line.endswith("...")]
 
@@ -41,6 +42,42 @@ def test_each_command_has_help_with_examples_and_its_json_keys(invoke: Invoke, n
     assert "JSON keys:\n" in result.stdout
     for option in ("--store", "--json", "--quiet", "--debug"):
         assert option in result.stdout
+
+
+def test_help_has_what_is_wanted_first_first(invoke: Invoke) -> None:
+    shown = invoke("--help").stdout
+    places = [shown.index(each) for each in ("Examples:", "Commands:", "Exit codes:")]
+    assert places == sorted(places)
+    assert "enroll wave wave.mp4" in shown[: places[1]]
+
+
+def test_list_is_short_for_list_support(invoke: Invoke, filled: SupportStore) -> None:
+    assert invoke("list").stdout == invoke("list-support").stdout
+    assert "squat" in invoke("list").stdout
+    assert "`list` is a short name" in invoke("list", "--help").stdout
+
+
+def test_own_settings_are_defaults_of_options(
+    invoke: Invoke, filled: SupportStore, home: Path
+) -> None:
+    file = home / "config.toml"
+    squat = EXAMPLES / "squat/cleo.npz"
+    file.write_text("tau = 1\nquality = 'accurate'\ncamera = 7\n")
+    assert invoke("classify", squat).exit_code == 1
+    assert invoke("classify", squat, "--tau", "0.5").exit_code == 0
+    keep_threshold(filled, Threshold(0.4, Recognizer().weights.checksum))
+    assert invoke("classify", squat).exit_code == 0
+    assert "camera 7" in invoke("watch").stderr
+    found = invoke("doctor").stdout
+    assert re.search(rf"settings +ok +tau 1.0, quality accurate, camera 7 \({file}", found)
+    file.write_text("quality = 'best'")
+    for words in (["list"], ["classify", squat]):
+        result = invoke(*words)
+        assert result.exit_code == 2
+        assert f"error: {file}: quality cannot be 'best'" in result.stderr
+    result = invoke("doctor")
+    assert result.exit_code == 2
+    assert re.search(rf"settings +problem +{file}", result.stdout)
 
 
 def test_options_are_understood_before_and_after_the_command(

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from actioncli import Recognizer, SupportStore, read_clip
+from actioncli.cli.answer import short_names
 
 from .conftest import ACTIONS, EXAMPLES, Ask, Invoke, Run
 
@@ -21,19 +23,82 @@ SQUAT = EXAMPLES / "squat/ada.npz"
 def test_accepted_and_rejected_clips(invoke: Invoke, filled: SupportStore) -> None:
     result = invoke("classify", SQUAT, "--tau", "0")
     assert result.exit_code == 0
+    # At tau 0 every action comes close, so that they are ranked.
     first, header, *ranking = result.stdout.splitlines()
-    assert first.startswith(f"{SQUAT}: squat  (nearest squat, confidence ")
-    assert "> tau 0.00" in first
-    assert first.endswith(" ms)")
+    assert re.fullmatch(
+        r"✓ squat         │━{12}  \d\.\d\d > 0\.00  0\.0 to 3\.6 s  ada\.npz", first
+    )
     assert header.split() == ["action", "distance", "probability", "confidence"]
     assert ranking[0].split()[0] == "squat"
     assert len(ranking) == len(ACTIONS)
-    for words in (["--top", "0"], ["-q"]):
+    # What reading decided comes after the verdict, and once.
+    assert "note: ada.npz: unit inferred" in result.stderr
+    for words in ([], ["--top", "0"], ["-q"]):
         result = invoke("classify", SQUAT, "--tau", "1", *words)
         [line] = result.stdout.splitlines()
         assert result.exit_code == 1
-        assert line.startswith(f"{SQUAT}: rejected  (nearest squat, confidence ")
-        assert "<= tau 1.00" in line
+        assert line.startswith("✗ rejected      ━━━━━━━━━━━━│  ")
+        assert " <= 1.00" in line
+        assert line.endswith("  ada.npz  (nearest squat)")
+        assert (result.stderr == "") == (words == ["-q"])
+    for words, lines in ((["--top", "2"], 4), (["--tau", "0", "--top", "0"], 1)):
+        assert len(invoke("classify", SQUAT, *words).stdout.splitlines()) == lines
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+@pytest.mark.parametrize("plain", [False, True])
+def test_terminals_with_colours_get_them_unless_they_are_not_wanted(
+    filled: SupportStore, plain: bool
+) -> None:
+    terminal, stdout = os.openpty()
+    place = {name: text for name, text in os.environ.items() if name != "NO_COLOR"}
+    words = [sys.executable, "-m", "actioncli", "classify", str(SQUAT), "-q"]
+    subprocess.run(words, env={**place, **({"NO_COLOR": "1"} if plain else {})}, stdout=stdout)
+    os.close(stdout)
+    written = os.read(terminal, 10_000).decode()
+    os.close(terminal)
+    assert ("\x1b[32m✓\x1b[0m \x1b[1msquat" in written) != plain
+    assert ("✓ squat" in written) == plain
+
+
+def test_terminals_without_such_signs_get_others(run: Run, filled: SupportStore) -> None:
+    done = run("classify", SQUAT, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert done.stdout.startswith("+ squat         ======|======  ")
+
+
+def test_of_one_rejected_clip_the_way_on_is_told(invoke: Invoke, filled: SupportStore) -> None:
+    bow = EXAMPLES / "punch_right/dev.npz"
+    said = invoke("classify", bow).stderr.splitlines()
+    assert re.search(r"as in the example it would have been accepted \(confidence", said[0])
+    [again] = [line for line in said if line.startswith("If it is the same to you: ")]
+    words = shlex.split(again.partition(": actioncli ")[2])
+    assert invoke(*words).exit_code == 0
+    assert words[0] == "enroll"
+    assert any(f"actioncli classify {bow} --explain why.html" in line for line in said)
+    assert invoke("classify", bow).exit_code == 0
+    # Not of many, nor where it is nearer to a negative.
+    assert "If it is" not in invoke("classify", SQUAT, bow, "--tau", "1").stderr
+    invoke("enroll", "--negative", bow)
+    invoke("remove", words[1], "--yes")
+    said = invoke("classify", bow).stderr.splitlines()
+    assert said[0].startswith("It is nearer to what you enrolled with --negative")
+    assert not any("If it is" in line for line in said)
+
+
+def test_names_are_short_and_notes_are_told_once(
+    invoke: Invoke, filled: SupportStore, tmp_path: Path
+) -> None:
+    result = invoke("classify", EXAMPLES / "squat", EXAMPLES / "jumping_jack", EXAMPLES / "bow")
+    names = [re.findall(r" s  (\S+\.npz)", line)[0] for line in result.stdout.splitlines()]
+    assert names == [
+        *("squat/ada.npz", "squat/ben.npz", "cleo.npz"),
+        *("jumping_jack/ada.npz", "jumping_jack/ben.npz", "dev.npz", "bow/ben.npz"),
+    ]
+    notes = [line for line in result.stderr.splitlines() if line.startswith("note: ")]
+    assert notes == sorted(set(notes), key=notes.index)
+    assert "note: 7 clips: unit inferred from the size of the body: mm (--unit)" in notes
+    paths = [Path(name) for name in ("a/b/c.npy", "x/b/c.npy", "b/c.npy", "d.npy", "")]
+    assert list(short_names(paths).values()) == ["a/b/c.npy", "x/b/c.npy", "b/c.npy", "d.npy", ""]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
@@ -60,7 +125,7 @@ def test_a_long_clip_shows_how_far_it_is(filled: SupportStore, tmp_path: Path, q
     os.close(stderr)
     written = os.read(terminal, 100_000)
     os.close(terminal)
-    assert (done.returncode, b"nearest squat" in done.stdout) == (0, True), written
+    assert (done.returncode, "✓ squat".encode() in done.stdout) == (0, True), written
     assert (b"Comparing" in written, b"100%" in written) == (not quiet, not quiet)
 
 
@@ -169,7 +234,7 @@ def test_a_support_set_that_cannot_be_written_is_enough(
     done = run("classify", SQUAT, "--store", copy, "--tau", "0")
     copy.parent.chmod(0o700)
     assert done.returncode == 0, done.stderr
-    assert ": squat" in done.stdout
+    assert "✓ squat" in done.stdout
 
 
 def test_batches_decide_as_each_clip_alone(

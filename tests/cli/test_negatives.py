@@ -20,7 +20,9 @@ def test_negatives_are_enrolled_without_a_label(
 ) -> None:
     result = invoke("enroll", "--negative", PUNCH, WAVE_LEFT, "--note", "not this")
     assert result.exit_code == 0
-    assert result.stdout.splitlines()[0].startswith(f"negatives: {PUNCH} added as example 1 (")
+    assert result.stdout.splitlines()[0].startswith(
+        "negatives: punch_right/dev.npz added as example 1 ("
+    )
     assert "warning" not in result.stderr
     assert [example.negative for example in store.examples("negatives")] == [True] * 3
     assert store.support() == {}
@@ -62,8 +64,9 @@ def test_what_is_nearer_to_a_negative_is_rejected(
     assert [ranked["label"] for ranked in after["ranking"]].count("negatives") == 0
     assert sum(ranked["probability"] for ranked in after["ranking"]) == pytest.approx(1, abs=1e-4)
     first = result.stdout.splitlines()[0]
-    assert ": rejected  (nearest squat, confidence " in first
-    assert "> tau 0.00, but a negative is nearer, " in first
+    assert first.startswith("✗ rejected ")
+    assert " > 0.00 " in first
+    assert first.endswith("ada.npz  (a negative is nearer)")
     invoke("remove", "negatives", "--yes")
     assert ask(*words)["clips"][0]["accepted"]
 
@@ -110,7 +113,7 @@ def test_an_example_of_another_action_is_told(
         about = compared(ranked["squat"], DEFAULT_TAU)
         told.insert(0, f"unlike the other examples of `squat`: {about}")
     assert (entry["added"], entry["warnings"]) == (True, told)
-    assert f"warning: {stray}: closest to `kick`: " in result.stderr
+    assert "warning: cleo.npz: closest to `kick`: " in result.stderr
     # Once it is there, the same clip is told as such and not warned about.
     [again] = ask("enroll", "squat", stray)["clips"]
     assert (again["added"], again["warnings"]) == (False, [])

@@ -12,7 +12,7 @@ from .conftest import EXAMPLES, Invoke
 WAVE, SQUAT = str(EXAMPLES / "wave_right/ada.npz"), str(EXAMPLES / "squat/ada.npz")
 USAGE = [
     ("clasify x", "Did you mean 'classify'?"),
-    ("list", "actioncli list-support"),
+    ("ls", "actioncli list"),
     ("version", "actioncli --version"),
     ("classify", "Missing argument"),
     ("enroll", "Missing argument"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from actioncli.clips.skeleton import LIMBS, default_columns
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights
-from actioncli.recognition.explanation import explain
+from actioncli.recognition.explanation import explain, listed
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -71,6 +72,45 @@ def test_moments_and_attention_go_through_the_clip(
     np.testing.assert_allclose(found.attention.sum(axis=1), 1, atol=1e-5)
     middle = found.attention @ np.arange(16)
     assert np.corrcoef(middle, np.arange(16))[0, 1] > 0.9
+
+
+def test_exchanged_parts_are_those_of_the_example(
+    recognizer: Recognizer, clips: dict[str, Clip]
+) -> None:
+    query, example = clips["wave_right/ben"], clips["squat/ada"]
+    found = explain(recognizer, query, [example])
+    assert len(found.exchanged) == 5 + 10 + 10
+    # What is exchanged for itself changes nothing.
+    same = explain(recognizer, example, [example]).exchanged.values()
+    assert list(same) == pytest.approx([recognizer.compare([example], {"": [example]})
+                                        .confidence[0, 0]] * 25, abs=1e-4)  # fmt: skip
+    # A body whose arms squat, and whose legs stand as when waving.
+    columns = [query.joint_names.index(side + joint) for side in "lr"
+               for joint in ("elb", "wri", "han")]  # fmt: skip
+    shoulders = [query.joint_names.index(f"{side}sho") for side in "lr" for _ in range(3)]
+    at = np.round(np.linspace(0, len(query) - 1, len(example))).astype(int)
+    joints = query.joints[at]
+    moved = example.joints[:, columns] - example.joints[:, shoulders]
+    joints[:, columns] = joints[:, shoulders] + moved
+    made = Clip(joints, query.joint_names, example.fps)
+    wanted = recognizer.compare([made], {"": [example]}).confidence[0, 0]
+    assert found.exchanged["left arm", "right arm"] == pytest.approx(wanted, abs=0.25)
+
+
+def test_what_lacks_is_told_in_words(recognizer: Recognizer, clips: dict[str, Clip]) -> None:
+    found = explain(recognizer, clips["wave_right/ben"], [clips["squat/ada"]])
+    # The fewest parts that suffice, and of these the surest.
+    sure = dict.fromkeys(found.exchanged, 0.1)
+    sure["left arm", "right arm"], sure["torso", "left leg"] = 0.7, 0.6
+    sure["torso", "left leg", "right leg"] = 0.9
+    found = replace(found, exchanged=sure)
+    as_in = "as in the example it would have been accepted"
+    assert found.lacking(0.5) == f"with both arms {as_in} (confidence 0.70 > tau 0.50)"
+    assert found.lacking(0.8).startswith(f"with the torso and both legs {as_in}")
+    assert found.lacking(0.9) == "most of the body moves in another way"
+    assert listed(["right leg"]) == "the right leg"
+    hands = ["torso", "left arm", "left hand", "right hand"]
+    assert listed(hands) == "the torso, the left arm and both hands"
 
 
 def test_weights_of_the_paper_explain_nothing(clips: dict[str, Clip]) -> None:

@@ -109,6 +109,16 @@ def test_a_threshold_counts_for_the_weights_that_it_was_measured_with(
     assert found.stored_threshold == found.foreign_threshold == foreign
 
 
+def test_the_users_tau_counts_where_none_was_measured(
+    store: SupportStore, recognizer: Recognizer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACTIONCLI_TAU", "0.65")
+    assert SupportSet.load(store, recognizer).threshold.tau == 0.65
+    assert SupportSet.load(store, recognizer, 0.2).threshold.tau == 0.2
+    keep_threshold(store, Threshold(0.3, recognizer.weights.checksum))
+    assert SupportSet.load(store, recognizer).threshold.tau == 0.3
+
+
 @pytest.mark.parametrize("tau", [0.0, 0.2])
 def test_tau_wins_over_what_is_kept(
     store: SupportStore, recognizer: Recognizer, tau: float
