@@ -14,7 +14,7 @@ from starlette.routing import Route, WebSocketRoute
 
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
-from actioncli.pose.frames import without_password
+from actioncli.pose import without_password
 from actioncli.pose.read import ReadOptions
 from actioncli.recognition.threshold import Threshold, keep_threshold, rename_action
 from actioncli.report.figure import figure

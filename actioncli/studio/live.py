@@ -19,9 +19,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from actioncli.errors import ActionCliError, ClipError, UsageError
 from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream
+from actioncli.pose import without_password
 from actioncli.pose.annotate import bones
 from actioncli.pose.camera import LiveSource, open_source
-from actioncli.pose.frames import Frame, VideoFile, without_password
+from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.sides import JOINT_NAMES, LIMBS
 from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.recognition.support import SupportSet
