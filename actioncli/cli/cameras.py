@@ -15,6 +15,7 @@ from actioncli.cli.output import printable, say, write_json
 from actioncli.cli.reading import report_bad_clip
 from actioncli.errors import ClipError, UsageError
 from actioncli.files import replacing
+from actioncli.pose import without_password
 
 if TYPE_CHECKING:
     from actioncli.pose.region import Image
@@ -59,7 +60,6 @@ def cameras(
     """
     from actioncli.pose.camera import cameras as of_this_machine
     from actioncli.pose.camera import still
-    from actioncli.pose.frames import without_password
 
     if stills is not None and not stills.is_dir():
         raise UsageError(f"{stills}: there is no such folder; make it first.")

@@ -14,6 +14,7 @@ from actioncli.cli.options import ClipReading, WeightsOption, complete_label, fi
 from actioncli.cli.output import plural, printable, say, write_json
 from actioncli.cli.reading import read_each, usable
 from actioncli.errors import ClipError, UsageError, WeightsError
+from actioncli.pose import without_password
 from actioncli.pose.read import ReadOptions, find_any
 from actioncli.store.names import NEGATIVES
 
@@ -166,7 +167,6 @@ def _given(
     if camera is None:
         return read_each(find_any(paths), options, shown=not settings.quiet)
     from actioncli.cli.camera import record
-    from actioncli.pose.frames import without_password
     from actioncli.pose.video import DEFAULT_QUALITY
 
     name = f"camera {camera}" if camera.isdecimal() else without_password(camera)

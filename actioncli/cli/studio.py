@@ -34,7 +34,20 @@ OpenOption = Annotated[
 
 
 @command
-def studio(settings: Settings, port: PortOption = 0, open_page: OpenOption = True) -> None:
+def studio(
+    settings: Settings,
+    port: PortOption = 0,
+    open_page: OpenOption = True,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SOURCE",
+            help="A camera for the page beside the browser's own: what `watch` takes, such as the "
+            "address of one in the network.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
     """Record, enrol, test and calibrate on a page in the browser.
 
     The page is served on this machine alone, and only to who has the token in its address.
@@ -47,6 +60,7 @@ def studio(settings: Settings, port: PortOption = 0, open_page: OpenOption = Tru
       actioncli studio
       actioncli studio --port 8000 --no-open
       actioncli studio --store family.db
+      actioncli studio --camera rtsp://192.168.1.20/stream
 
     \b
     JSON keys:
@@ -59,7 +73,7 @@ def studio(settings: Settings, port: PortOption = 0, open_page: OpenOption = Tru
     support = SharedSupport(settings.store)
     support.state()  # a store that cannot be read is reported here, not on the page
     with _served(settings, port, open_page) as (server, uploads):
-        behind = Studio(support, uploads)
+        behind = Studio(support, uploads, source=camera)
         try:
             server.run(behind.app())
         finally:

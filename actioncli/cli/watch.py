@@ -19,7 +19,7 @@ from actioncli.cli.options import QualityOption, TauOption, WeightsOption
 from actioncli.cli.output import OutputError, note, printable, say
 from actioncli.errors import ActionCliError, UsageError
 from actioncli.files import json_text
-from actioncli.pose import RETRY_SECONDS
+from actioncli.pose import RETRY_SECONDS, without_password
 
 if TYPE_CHECKING:
     from actioncli.live.events import Event, EventDetector
@@ -117,7 +117,6 @@ def watch(
     from actioncli.live.recorder import Recorder
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
-    from actioncli.pose.frames import without_password
     from actioncli.recognition.followed import FollowedSupport
     from actioncli.recognition.recognizer import Recognizer
 

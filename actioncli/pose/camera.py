@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose import RETRY_SECONDS
+from actioncli.pose import RETRY_SECONDS, without_password
 from actioncli.pose.frames import (
     OPENING,
     PATIENCE,
@@ -23,7 +23,6 @@ from actioncli.pose.frames import (
     one_thread,
     opened,
     quiet,
-    without_password,
 )
 from actioncli.pose.region import Image
 

@@ -6,7 +6,6 @@ import contextlib
 import math
 import os
 import queue
-import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import cv2
 import numpy as np
 
 from actioncli.errors import ClipError
+from actioncli.pose import without_password
 from actioncli.pose.region import Image
 
 # Frames decoded in advance; they are all that is ever held, whatever the video's length.
@@ -63,11 +63,6 @@ def opened(source: str | int, backend: int) -> cv2.VideoCapture:
     with quiet():
         given = name_for_opencv(source) if isinstance(source, str) else source
         return cv2.VideoCapture(given, backend, limits)
-
-
-def without_password(address: object) -> str:
-    """The name of a source, or an address, as it may be shown and kept."""
-    return re.sub(r"(://)[^/@]*@", r"\1", str(address))
 
 
 def name_for_opencv(name: str) -> str:

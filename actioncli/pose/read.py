@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose import VIDEO_SUFFIXES
+from actioncli.pose import VIDEO_SUFFIXES, without_password
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
@@ -124,13 +124,7 @@ def read_any(
 
     options = options or ReadOptions()
     file = Path(path)
-    # A path has lost one of the slashes.
-    if address := re.match(r"([a-z]{3,5}):/+", str(path)):
-        whole = f"{address[1]}://{str(path)[address.end() :]}"
-        raise ClipError(
-            f"{whole}: is an address, and clips are read from files: download it first, or watch "
-            f"it: actioncli watch {whole}"
-        )
+    _refuse_address(file)
     video = is_video(file)
     for name in ("fps", "layout", "unit", "up") if video else ("end", "person", "start"):
         if getattr(options, name) is not None:
@@ -156,6 +150,7 @@ def read_person(
     Raises:
         ClipError, UsageError, WeightsError: see `read_video_clip`.
     """
+    _refuse_address(path)
     part = options.start, options.end
     if options.metrabs is not None:
         from actioncli.pose.metrabs import read_metrabs_clip
@@ -165,3 +160,18 @@ def read_person(
 
     quality = options.quality or video.DEFAULT_QUALITY
     return video.read_video_clip(path, *part, quality, options.person, options.cache, progress)
+
+
+def _refuse_address(path: Path) -> None:
+    """Say what to do with one instead.
+
+    Raises:
+        ClipError: it is one.
+    """
+    # A path has lost one of the slashes.
+    if address := re.match(r"([a-z]{3,5}):/+", str(path)):
+        whole = without_password(f"{address[1]}://{str(path)[address.end() :]}")
+        raise ClipError(
+            f"{whole}: is an address, and clips are read from files: download it first, or watch "
+            f"it: actioncli watch {whole}"
+        )

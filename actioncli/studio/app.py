@@ -14,11 +14,12 @@ from starlette.routing import Route, WebSocketRoute
 
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
+from actioncli.pose import without_password
 from actioncli.pose.read import ReadOptions
 from actioncli.recognition.threshold import Threshold, keep_threshold, rename_action
 from actioncli.report.figure import figure
 from actioncli.report.page import playable
-from actioncli.studio.live import live_endpoint
+from actioncli.studio.live import live_endpoint, source_endpoint
 from actioncli.studio.measure import Measurement
 from actioncli.studio.responses import (
     AsciiJson,
@@ -46,11 +47,13 @@ class Studio:
         support: what is enrolled.
         upload_folder: where uploads lie while they are read.
         limit: bytes of an upload.
+        source: a camera beside the browser's own, see `open_source`.
     """
 
     support: SharedSupport
     upload_folder: UploadFolder
     limit: int = LARGEST_UPLOAD
+    source: str | None = None
 
     def __post_init__(self) -> None:
         self.uploads = Uploads(self.support.recognizer)
@@ -79,6 +82,7 @@ class Studio:
                 Route("/api/tau", self.keep_tau, methods=["PUT"]),
                 Route("/api/export", self.export),
                 WebSocketRoute("/api/live", live_endpoint(self.support)),
+                WebSocketRoute("/api/source", source_endpoint(self.source)),
             ],
         )
 
@@ -87,7 +91,9 @@ class Studio:
         version = self.support.version
         if request.query_params.get("version") == version:
             return AsciiJson({"version": version})
-        return AsciiJson({**self.support.state(), "limit": self.limit, "layouts": list(LAYOUTS)})
+        source = self.source and without_password(self.source)
+        offered = {"limit": self.limit, "layouts": list(LAYOUTS), "source": source}
+        return AsciiJson({**self.support.state(), **offered})
 
     def example_figure(self, request: Request) -> Response:
         """The skeleton of an example."""

@@ -1,4 +1,5 @@
-"""A camera of the browser: its pictures come over a WebSocket, what they show goes back."""
+"""A camera of the browser: its pictures come over a WebSocket, what they show goes back. Pictures
+of a camera that was named go to the browser, which then has it as one of its own."""
 
 from __future__ import annotations
 
@@ -6,7 +7,8 @@ import asyncio
 import json
 import math
 import struct
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -14,11 +16,13 @@ import cv2
 import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from actioncli.errors import ActionCliError, UsageError
+from actioncli.errors import ActionCliError, ClipError, UsageError
 from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream
+from actioncli.pose import without_password
 from actioncli.pose.annotate import bones
-from actioncli.pose.frames import Frame
+from actioncli.pose.camera import LiveSource, open_source
+from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.sides import JOINT_NAMES, LIMBS
 from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.recognition.support import SupportSet
@@ -31,6 +35,8 @@ _TIME = struct.Struct("<d")
 _JPEG = b"\xff\xd8\xff"
 # Below this mean visibility of the limbs, most of the body is out of the picture.
 _LEAST_VISIBLE = 0.5
+# Pixels of a picture that is sent.
+_WIDTH = 640
 # Seconds of poses that are remembered while nothing is enrolled.
 _MEMORY = 3.0
 
@@ -144,6 +150,53 @@ def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[Non
             return
 
     return live
+
+
+def source_endpoint(source: str | None) -> Callable[[WebSocket], Awaitable[None]]:
+    """The WebSocket of a camera that was named, as `open_source` takes it: a picture, or word that
+    there is none, for each message of the page."""
+
+    async def shown(socket: WebSocket) -> None:
+        await socket.accept(SUBPROTOCOL)
+        camera: LiveSource | VideoFile | None = None
+        try:
+            if source is None:
+                raise UsageError("No camera was named: `actioncli studio --camera 0` names one.")
+            camera = await asyncio.to_thread(open_source, source)
+            pictures = _pictures(camera)
+            while (picture := await asyncio.to_thread(next, pictures, None)) is not None:
+                if picture:
+                    await socket.send_bytes(picture)
+                else:
+                    await _send(socket, {"silent": True})
+                if (await socket.receive())["type"] == "websocket.disconnect":
+                    return
+            raise ClipError(f"{without_password(source)}: the video has ended.")
+        except ActionCliError as error:
+            await _send(socket, {"error": str(error)})
+            await socket.close(1003)
+        except WebSocketDisconnect:
+            return
+        finally:
+            if isinstance(camera, LiveSource):
+                await asyncio.to_thread(camera.close)
+
+    return shown
+
+
+def _pictures(camera: LiveSource | VideoFile) -> Iterator[bytes]:
+    """JPEG pictures as they come, a video's at its own pace; empty now and then while there is
+    none."""
+    begun = time.monotonic()
+    for frame in camera.frames():
+        if not isinstance(frame, Frame):
+            yield b""
+            continue
+        if isinstance(camera, VideoFile):
+            time.sleep(max(begun + frame.time - time.monotonic(), 0))
+        scale = min(_WIDTH / frame.image.shape[1], 1)
+        small = cv2.resize(frame.image, None, fx=scale, fy=scale)
+        yield cv2.imencode(".jpg", small)[1].tobytes()
 
 
 async def _send(socket: WebSocket, document: object) -> None:

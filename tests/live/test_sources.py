@@ -13,9 +13,9 @@ import pytest
 
 from actioncli.errors import ClipError, UsageError
 from actioncli.live.stream import VideoStream
-from actioncli.pose import camera
+from actioncli.pose import camera, without_password
 from actioncli.pose.camera import LiveSource, cameras, open_source, still
-from actioncli.pose.frames import Frame, VideoFile, without_password
+from actioncli.pose.frames import Frame, VideoFile
 from tests.pose.videos import answering, hosted, number, numbered, part, real_frames, write_video
 
 PICTURES = numbered(40, 192, 128)

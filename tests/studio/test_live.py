@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +20,9 @@ from websockets.typing import Origin, Subprotocol
 from actioncli import read_video_clip
 from actioncli.studio.app import Studio
 from actioncli.studio.live import Camera
-from tests.pose.videos import real_frames
+from tests.pose.videos import answering, number, numbered, part, real_frames, write_video
 
-from .serving import EXAMPLES, Client
+from .serving import EXAMPLES, Client, serving
 
 SHARED = Path(__file__).parents[3] / "shared/video"
 FILM = SHARED / "jumping_jack/afrlW.mp4"
@@ -103,6 +105,45 @@ def test_a_message_beyond_all_measure_ends_it(socket: ClientConnection) -> None:
     socket.send(bytes(5_000_000))
     with pytest.raises(ConnectionClosed):
         socket.recv(timeout=60)
+
+
+def test_pictures_of_a_camera_that_is_named(studio: Studio, tmp_path: Path) -> None:
+    pictures = [part(picture) for picture in numbered(20, 192, 128)]
+    shown: list[bytes | float] = [each for picture in pictures for each in (picture, 0.05)]
+    with answering([*shown, 60.0]) as address, named(studio, address) as socket:
+        seen = []
+        while isinstance(picture := socket.recv(timeout=60), bytes):
+            seen.append(number(cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)))
+            socket.send("next")
+        assert seen == sorted(set(seen))
+        assert seen[-1] == 19
+        assert json.loads(picture) == {"silent": True}
+    video = write_video(tmp_path / "a.mp4", numbered(20), 40)
+    with named(studio, str(video)) as socket:
+        begun = time.monotonic()
+        while isinstance(picture := socket.recv(timeout=60), bytes):
+            socket.send("next")
+        assert time.monotonic() - begun > 0.4  # at its own pace
+        assert json.loads(picture) == {"error": f"{video}: the video has ended."}
+    with named(studio, None) as socket:
+        assert "`actioncli studio --camera 0` names one" in receive(socket)["error"]
+    with named(studio, "file:///a.mp4") as socket:
+        assert "sends no pictures" in receive(socket)["error"]
+
+
+@contextmanager
+def named(studio: Studio, source: str | None) -> Iterator[ClientConnection]:
+    """The pictures of a source."""
+    other = Studio(studio.support, studio.upload_folder, source=source)
+    with serving(other.app()) as address:
+        client = Client(address)
+        assert client.get("/api/state")["source"] == source
+        offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
+        origin = Origin(client.headers["Origin"])
+        where = f"ws://127.0.0.1:{client.port}/api/source"
+        with connect(where, origin=origin, subprotocols=offered) as connection:
+            yield connection
+    other.close()
 
 
 @needs_film

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import threading
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from actioncli import SupportStore, read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
+from actioncli.pose.frames import VideoFile
 from actioncli.recognition.threshold import kept_threshold
 from actioncli.studio.app import Studio
 from actioncli.studio.server import Server
+from tests.pose.videos import answering, part
 
 from .browsing import FILM, PHONE, check, enroll, opened, send
-from .serving import EXAMPLES, Client, until
+from .serving import EXAMPLES, Client, serving, until
 
 SHARED = FILM.parents[1]
 SQUAT, OTHER_SQUAT = EXAMPLES / "squat/ada.npz", EXAMPLES / "squat/ben.npz"
@@ -312,6 +317,41 @@ def test_recorded_from_the_camera_and_tested_live(tab: Page, studio: Studio) -> 
     check(tab)
     tab.get_by_role("button", name="Stop the camera").click()
     expect(tab.locator("#camera")).to_be_hidden()
+
+
+@pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
+def test_a_camera_that_the_command_names(browser: Browser, studio: Studio) -> None:
+    """It is recorded from, tested live and lost like one of the browser's own."""
+    frames = VideoFile(FILM).frames(end=4, rate=12)
+    pictures = [part(cv2.resize(frame.image, None, fx=0.5, fy=0.5)) for frame in frames]
+    film: Iterator[bytes | float] = itertools.cycle(
+        [each for picture in pictures for each in (picture, 1 / 12)]
+    )
+    with answering(film) as address:
+        named = Studio(studio.support, studio.upload_folder, source=address.replace("//", "//a:b@"))
+        with serving(named.app()) as page_address, opened(browser, page_address) as tab:
+            expect(tab.locator("#store")).not_to_be_empty()
+            tab.get_by_role("button", name="Use the camera").click()
+            expect(tab.locator("#view")).to_contain_text("The body is in view")
+            assert tab.locator("#which option:checked").inner_text() == address
+            check(tab)
+            tab.get_by_role("button", name="Record").click()
+            card = tab.get_by_role("article", name="Clip camera 1.webm")
+            card.get_by_label("Name of the action").fill("jumping jack")
+            card.get_by_role("button", name="Enrol").click()
+            expect(tab.get_by_role("article", name="jumping jack", exact=True)).to_be_visible()
+            tab.locator("#which").select_option(index=0)  # the browser's own
+            expect(tab.locator("#view")).to_contain_text("pictures/s")
+            tab.locator("#which").select_option(label=address)
+            expect(tab.locator("#view")).to_contain_text("pictures/s")
+            tab.get_by_role("button", name="Stop the camera").click()
+        named.close()
+    lost = Studio(studio.support, studio.upload_folder, source=address)
+    with serving(lost.app()) as page_address, opened(browser, page_address) as tab:
+        expect(tab.locator("#store")).not_to_be_empty()
+        tab.get_by_role("button", name="Use the camera").click()
+        expect(tab.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
+    lost.close()
 
 
 def test_a_camera_that_is_refused_is_told(browser: Browser, client: Client) -> None:

@@ -3,6 +3,7 @@
 import { token } from "./api.js";
 import { byId, el, ranking, say } from "./dom.js";
 
+const SOURCE = "source"; // stands for the camera that the command names
 const COUNTDOWN = 3; // seconds
 const WIDTH = 480; // pixels of a live picture
 const QUALITY = 0.8; // of its JPEG
@@ -16,7 +17,7 @@ const sleep = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds
 export class Camera {
   // studio: { state, tau() }; uploads takes what is recorded
   constructor(studio, uploads) {
-    Object.assign(this, { studio, uploads, stream: null, socket: null, busy: false, starting: false, number: 0, last: null, times: [] });
+    Object.assign(this, { studio, uploads, stream: null, source: null, socket: null, busy: false, starting: false, number: 0, last: null, times: [] });
     this.video = byId("video");
     this.picture = el("canvas");
     byId("camera-switch").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
@@ -24,19 +25,27 @@ export class Camera {
     byId("which").addEventListener("change", () => { this.stop(); this.start(byId("which").value); });
   }
 
-  async start(device) {
+  async start(device = this.studio.state?.source ? SOURCE : "") {
+    this.wanted = device;
     if (this.starting) return;
     this.starting = true;
-    await this.open(device);
+    for (let opened = null; opened !== this.wanted; ) { // another one may be chosen meanwhile
+      if (opened !== null) this.stop();
+      opened = this.wanted;
+      await this.open(opened);
+    }
     this.starting = false;
   }
 
   async open(device) {
     const size = { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
     try {
-      if (!navigator.mediaDevices) throw new Error("this browser gives pages no camera");
-      const video = { ...size, ...(device ? { deviceId: { exact: device } } : {}) };
-      this.stream = await navigator.mediaDevices.getUserMedia({ video, audio: false });
+      if (device === SOURCE) this.stream = await this.named();
+      else {
+        if (!navigator.mediaDevices) throw new Error("this browser gives pages no camera");
+        const video = { ...size, ...(device ? { deviceId: { exact: device } } : {}) };
+        this.stream = await navigator.mediaDevices.getUserMedia({ video, audio: false });
+      }
     } catch (error) {
       this.problem(cameraProblem(error));
       return;
@@ -51,9 +60,9 @@ export class Camera {
     const { stream } = this;
     await this.video.play().catch(() => {}); // stopped again meanwhile
     if (this.stream !== stream) return;
-    const settings = stream.getVideoTracks()[0].getSettings();
+    const current = device === SOURCE ? SOURCE : stream.getVideoTracks()[0].getSettings().deviceId;
     this.video.parentElement.style.aspectRatio = `${this.video.videoWidth} / ${this.video.videoHeight}`;
-    await this.offerCameras(settings.deviceId);
+    await this.offerCameras(current);
     this.connect();
   }
 
@@ -62,7 +71,8 @@ export class Camera {
     this.stream = null;
     this.video.srcObject = null;
     this.socket?.close();
-    this.socket = null;
+    this.source?.close();
+    this.socket = this.source = null;
     byId("camera").hidden = true;
     byId("camera-switch").textContent = "Use the camera";
     this.problem(why);
@@ -74,11 +84,40 @@ export class Camera {
   }
 
   async offerCameras(current) {
-    const devices = await navigator.mediaDevices.enumerateDevices();
+    const devices = (await navigator.mediaDevices?.enumerateDevices()) ?? [];
     const cameras = devices.filter((device) => device.kind === "videoinput");
+    const { source } = this.studio.state ?? {};
+    if (source) cameras.push({ deviceId: SOURCE, label: source });
     byId("cameras").hidden = cameras.length < 2;
     byId("which").replaceChildren(...cameras.map((camera, place) =>
       el("option", { value: camera.deviceId, selected: camera.deviceId === current }, camera.label || `camera ${place + 1}`)));
+  }
+
+  // The camera that the command names: its pictures come from the server, and make a stream here.
+  named() {
+    const canvas = el("canvas"), g = canvas.getContext("2d");
+    const source = new WebSocket(`ws://${location.host}/api/source`, ["actioncli", token()]);
+    this.source = source;
+    let silent = false;
+    return new Promise((begin, fail) => {
+      const end = (why) => { fail(new Error(why)); if (source === this.source) this.stop(why); };
+      source.addEventListener("message", async ({ data }) => {
+        const word = typeof data === "string";
+        const { error } = word ? JSON.parse(data) : {};
+        if (error) { end(error); return; }
+        if (word !== silent) this.problem(word ? "The camera sends no picture; waiting for it." : "");
+        silent = word;
+        if (!word) {
+          const picture = await createImageBitmap(data);
+          if (canvas.width !== picture.width || canvas.height !== picture.height)
+            Object.assign(canvas, { width: picture.width, height: picture.height });
+          g.drawImage(picture, 0, 0);
+          begin(this.stream ?? canvas.captureStream());
+        }
+        if (source.readyState === WebSocket.OPEN) source.send("next");
+      });
+      source.addEventListener("close", () => end("The camera was stopped: actioncli does not answer."));
+    });
   }
 
   connect() {
@@ -229,5 +268,5 @@ function cameraProblem(error) {
     NotFoundError: "The browser finds no camera. Drop a video instead.",
     NotReadableError: "The camera cannot be read; another program may be using it.",
   };
-  return messages[error.name] ?? `The camera cannot be used: ${error.message}.`;
+  return messages[error.name] ?? `The camera cannot be used: ${error.message.replace(/\.$/, "")}.`;
 }
