@@ -58,6 +58,7 @@ _LANDMARK_OUTPUTS = {
     "Identity_3": "heatmap",
     "Identity_4": "world",
 }
+_HAND_OUTPUTS = {"Identity": "landmarks", "Identity_1": "presence", "Identity_3": "world"}
 NETWORKS = (
     Network(
         "pose_detector.onnx",
@@ -72,6 +73,22 @@ NETWORKS = (
         MEDIAPIPE,
         "mediapipe/modules/pose_landmark/pose_landmark_full.tflite",
         _LANDMARK_OUTPUTS,
+        0.0,
+        1.0,
+    ),
+    Network(
+        "hand_recrop.onnx",
+        MEDIAPIPE,
+        "mediapipe/modules/holistic_landmark/hand_recrop.tflite",
+        {"output_crop": "crop"},
+        0.0,
+        1.0,
+    ),
+    Network(
+        "hand_landmark_full.onnx",
+        MEDIAPIPE,
+        "mediapipe/modules/hand_landmark/hand_landmark_full.tflite",
+        _HAND_OUTPUTS,
         0.0,
         1.0,
     ),

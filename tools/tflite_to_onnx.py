@@ -1,4 +1,4 @@
-"""Write a TensorFlow Lite graph as ONNX: the operators of the BlazePose networks, no more.
+"""Write a TensorFlow Lite graph as ONNX: the operators of the pose and hand networks, no more.
 
 TensorFlow Lite lays images out as NHWC, ONNX as NCHW; inputs and outputs keep their shapes. The
 weights stay in half precision where the original stores them so: a Cast that ONNX Runtime folds
@@ -215,6 +215,33 @@ class Converter:
                 pads=pads,
                 strides=strides,
             )
+        elif kind == "FULLY_CONNECTED":
+            weight, bias = operator.inputs[1:]
+            raw, activate = self.activated(options.fusedActivationFunction, target)
+            rows = [self.name(source), self.weight(weight, (0, 1)), self.weight(bias, (0,))]
+            self.emit("Gemm", rows, raw, transB=1)
+            activate()
+        elif kind == "MEAN":
+            axes = self.constant(operator.inputs[1])
+            if options.keepDims or axes is None or axes.tolist() != [1, 2]:
+                raise NotImplementedError("MEAN of other axes than height and width")
+            self.emit("ReduceMean", [self.name(source)], self.name(target), axes=[2, 3], keepdims=0)
+        elif kind == "PRELU":
+            slope = self.weight(operator.inputs[1], (2, 0, 1))  # (1, 1, C)
+            self.emit("PRelu", [self.name(source), slope], self.name(target))
+        elif kind == "STRIDED_SLICE":
+            begin, end, step = (self.constant(i) for i in operator.inputs[1:])
+            masks = (options.beginMask, options.endMask, options.ellipsisMask)
+            if any((*masks, options.newAxisMask, options.shrinkAxisMask)):
+                raise NotImplementedError("STRIDED_SLICE with a mask")
+            bounds = []
+            for what, values in (("begin", begin), ("end", end), ("step", step)):
+                assert values is not None
+                order = [int(values[axis]) for axis in (0, 3, 1, 2)]
+                bounds.append(self.shape_constant(f"{what}{target}", order))
+            every = self.shape_constant("axes", [0, 1, 2, 3])
+            inputs = [self.name(source), *bounds[:2], every, bounds[2]]
+            self.emit("Slice", inputs, self.name(target))
         elif kind == "ADD":
             raw, activate = self.activated(options.fusedActivationFunction, target)
             self.emit("Add", [self.name(i) for i in operator.inputs], raw)
