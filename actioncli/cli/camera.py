@@ -30,11 +30,14 @@ def in_view(body: Body | None) -> bool:
     return body is not None and float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
 
 
-def record(settings: Settings, source: int | str, seconds: float, quality: str) -> Clip:
+def record(
+    settings: Settings, source: int | str, seconds: float, quality: str, hands: bool = True
+) -> Clip:
     """Record one clip.
 
     Args:
         source: number of the camera, or an address.
+        hands: look for hands, too.
 
     Raises:
         ClipError: no camera, it stops too soon, or the body is not in view.
@@ -43,7 +46,7 @@ def record(settings: Settings, source: int | str, seconds: float, quality: str) 
 
     camera = LiveSource(source)
     try:
-        poses = PoseStream(quality, seconds=seconds + LONGEST_GAP)
+        poses = PoseStream(quality, seconds + LONGEST_GAP, hands)
         told, frames, missed, start = "", 0, 0, 0.0
         for frame in camera.frames():
             start = start or frame.time + COUNTDOWN

@@ -168,7 +168,8 @@ def _given(
     outcome: Clip | ClipError
     try:
         source = int(camera) if camera.isdecimal() else camera
-        outcome = record(settings, source, seconds, options.quality or DEFAULT_QUALITY)
+        quality = options.quality or DEFAULT_QUALITY
+        outcome = record(settings, source, seconds, quality, options.hands)
     except ClipError as unusable:
         outcome = unusable
     return [(Path(f"camera {camera}"), outcome)]

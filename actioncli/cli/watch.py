@@ -14,7 +14,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
-from actioncli.cli.options import QualityOption, TauOption, WeightsOption
+from actioncli.cli.options import HandsOption, QualityOption, TauOption, WeightsOption
 from actioncli.cli.output import note, printable, say
 from actioncli.files import json_text
 
@@ -48,6 +48,7 @@ def watch(
         ),
     ] = None,
     quality: QualityOption = None,
+    hands: HandsOption = True,
     weights: WeightsOption = None,
 ) -> None:
     """Tell every enrolled action that somebody performs.
@@ -85,6 +86,7 @@ def watch(
                 source,
                 support,
                 quality=quality or DEFAULT_QUALITY,
+                hands=hands,
                 recorder=recorder,
                 on_frame=view.show,
                 note=lambda line: settings.tell(f"note: {printable(source)}: {line}"),

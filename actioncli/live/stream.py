@@ -13,7 +13,8 @@ from actioncli.errors import ClipError
 from actioncli.pose.camera import LiveSource
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import Frame, VideoFile
-from actioncli.pose.landmarks import LANDMARK_COUNT, Body, LandmarkEstimator
+from actioncli.pose.hands import HandFinder
+from actioncli.pose.landmarks import Body, LandmarkEstimator
 from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.tracker import Tracker
 from actioncli.pose.video import SAMPLING_RATE
@@ -27,14 +28,16 @@ class PoseStream:
         body: what was seen in the last frame; None if nobody.
     """
 
-    def __init__(self, quality: str, seconds: float) -> None:
+    def __init__(self, quality: str, seconds: float, hands: bool = True) -> None:
         """Load the networks.
 
         Args:
             quality: "fast" or "accurate".
             seconds: how much to remember.
+            hands: look for hands, too.
         """
-        self._tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), most=1)
+        finder = HandFinder() if hands else None
+        self._tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), 1, finder)
         self._seconds = seconds
         self._frames: list[float] = []
         self.size = (0, 0)
@@ -69,16 +72,8 @@ class PoseStream:
             first = max(first, int(np.searchsorted(times, track.jumps[-1])))
         if len(times) - first < 2:
             return None
-        bodies = track.bodies[first:]
-        looked = np.array(self._frames)
-        poses = Poses(
-            times=times[first:],
-            world=np.stack([body.world for body in bodies]),
-            visibility=np.stack([body.visibility for body in bodies]),
-            points=np.stack([body.points[:LANDMARK_COUNT] for body in bodies]),
-            frames=looked[looked >= times[first]],
-            size=self.size,
-        )
+        looked = [frame for frame in self._frames if frame >= times[first]]
+        poses = Poses.of(track.times[first:], track.bodies[first:], looked, self.size)
         try:
             return poses.to_clip("stream")
         except ClipError:  # the picture has not moved at all
@@ -90,13 +85,15 @@ class VideoStream:
 
     seen = False
 
-    def __init__(self, source: int | str | Path, quality: str, seconds: float) -> None:
+    def __init__(
+        self, source: int | str | Path, quality: str, seconds: float, hands: bool = True
+    ) -> None:
         """Open the source; of it so many seconds are remembered.
 
         Raises:
             ClipError: it cannot be opened.
         """
-        self._poses = PoseStream(quality, seconds)
+        self._poses = PoseStream(quality, seconds, hands)
         self._source, self._begun = open_source(source), time.monotonic()
 
     def times(self) -> Iterator[float]:

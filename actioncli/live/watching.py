@@ -58,6 +58,7 @@ def watch(
     tau: float | None = None,
     *,
     quality: str = DEFAULT_QUALITY,
+    hands: bool = True,
     recorder: Recorder | None = None,
     on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
     note: Callable[[str], None] | None = None,
@@ -73,6 +74,7 @@ def watch(
         support: what is enrolled.
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         quality: pose network, "fast" or "accurate".
+        hands: look for hands, too.
         recorder: keeps the clips of events and near misses.
         on_frame: called after each frame, with its time.
         note: called at the end with what a person should know.
@@ -89,7 +91,7 @@ def watch(
     else:
         from actioncli.live.stream import VideoStream
 
-        stream = VideoStream(source, quality, max(detector.windows) + 1)
+        stream = VideoStream(source, quality, max(detector.windows) + 1, hands)
     looked, frames, seen, now = -STRIDE, 0, 0, 0.0
     lost: ClipError | None = None
     with closing(stream):
