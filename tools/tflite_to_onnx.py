@@ -180,6 +180,22 @@ class Converter:
         )
         activate()
 
+    def prelu(self, source: int, slope: int, target: int) -> None:
+        """max(x, 0) - slope max(-x, 0), as two point-wise convolutions: exact, since one term is
+        always zero, and twice as fast as ONNX Runtime's PRelu, which leaves the layout of its
+        convolutions."""
+        steepness = self.constant(slope)
+        assert steepness is not None
+        one = np.eye(steepness.size, dtype=np.float32)
+        both, name = np.concatenate([one, -one]), self.name(target)
+        joined = np.concatenate([one, -one * steepness.reshape(-1, 1)], axis=1)
+        for part, values in (("both", both), ("joined", joined)):
+            weight = f"{name}_{part}"
+            self.weights[weight] = numpy_helper.from_array(values[:, :, None, None], weight)
+        self.emit("Conv", [self.name(source), f"{name}_both"], f"{name}_signs")
+        self.emit("Relu", [f"{name}_signs"], f"{name}_parts")
+        self.emit("Conv", [f"{name}_parts", f"{name}_joined"], name)
+
     def convert(self, operator: Any) -> None:
         """Append the ONNX nodes of one operator."""
         code = self.model.operatorCodes[operator.opcodeIndex]
@@ -227,8 +243,7 @@ class Converter:
                 raise NotImplementedError("MEAN of other axes than height and width")
             self.emit("ReduceMean", [self.name(source)], self.name(target), axes=[2, 3], keepdims=0)
         elif kind == "PRELU":
-            slope = self.weight(operator.inputs[1], (2, 0, 1))  # (1, 1, C)
-            self.emit("PRelu", [self.name(source), slope], self.name(target))
+            self.prelu(source, operator.inputs[1], target)
         elif kind == "STRIDED_SLICE":
             begin, end, step = (self.constant(i) for i in operator.inputs[1:])
             masks = (options.beginMask, options.endMask, options.ellipsisMask)

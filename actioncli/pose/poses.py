@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import resample
 from actioncli.errors import ClipError
-from actioncli.pose.one_euro import OneEuro
 from actioncli.pose.hands import SIDES
 from actioncli.pose.landmarks import LANDMARK_COUNT, Body
+from actioncli.pose.one_euro import OneEuro
 from actioncli.pose.sides import ALL_NAMES, settle_sides
 
 # A longer time without the person is told, and never lies inside an active part.

@@ -113,8 +113,8 @@ def read_any(
     """Read a clip from a file of joints or a video, whichever its name says.
 
     Args:
-        options: what only says how to look at a video (`quality`, `cache`, `hands`, `metrabs`) means
-            nothing for files of joints.
+        options: what only says how to look at a video (`quality`, `cache`, `hands`, `metrabs`)
+            means nothing for files of joints.
         progress: called now and then while a video is read.
 
     Raises:

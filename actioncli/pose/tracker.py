@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from actioncli.pose.detector import Detection, PersonDetector
-from actioncli.pose.hands import HandFinder
+from actioncli.pose.hands import HandFinder, HandFollower
 from actioncli.pose.landmarks import Body, LandmarkEstimator
 from actioncli.pose.one_euro import OneEuro
 from actioncli.pose.region import Image, Region
@@ -40,13 +40,13 @@ class Track:
     jumps: list[float] = field(default_factory=list)
     region: Region | None = None
     _last_region: Region | None = None
-    _before: Body | None = None
+    _hands: HandFollower | None = None
 
     def resume(self, region: Region, time: float) -> None:
         """Start, or go on after a loss, from where the detector found the person."""
         if self._last_region is not None and region.distance(self._last_region) > SAME_PLACE:
             self.jumps.append(time)
-        self.region, self._before = region, None
+        self.region, self._hands = region, None
         self._steady = OneEuro(min_cutoff=0.01, beta=10.0)
 
     def lose(self) -> None:
@@ -66,7 +66,8 @@ class Track:
         centre, scale = self._steady(body.ends, time, scale=1 / max(2 * reach, 1e-6))
         self.region = Region.around(centre, scale)
         if hands is not None:
-            body = self._before = hands(image, body, self._before)
+            self._hands = self._hands or HandFollower(hands)
+            body = self._hands(image, body, time)
         self.times.append(time)
         self.bodies.append(body)
         return body
@@ -120,7 +121,8 @@ class Tracker:
         seen = [
             track
             for track in self.tracks
-            if track.region is not None and track.step(self._estimate, self._hands, image, time) is not None
+            if track.region is not None
+            and track.step(self._estimate, self._hands, image, time) is not None
         ]
         seen = self._without_doubles(seen)
         if self._should_look(seen, time):

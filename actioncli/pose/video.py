@@ -69,8 +69,8 @@ def read_video_clip(
         hands: look for hands, too.
 
     Returns:
-        A clip in layout `holistic_75`, or `blazepose_33` without `hands`; confidence is visibility. Its notes tell the part that
-        was used, gaps, and whatever is doubtful.
+        A clip in layout `holistic_75`, or `blazepose_33` without `hands`; confidence is visibility.
+        Its notes tell the part that was used, gaps, and whatever is doubtful.
 
     Raises:
         ClipError: not a video, no frames, or no person in most of them.
