@@ -8,6 +8,7 @@ landmarks jump, a hand would be lost: for this they are smoothed, as the referen
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -142,8 +143,8 @@ class HandFinder:
 class HandFollower:
     """Both hands of one person, frame after frame."""
 
-    def __init__(self, find: HandFinder) -> None:
-        """Begin with a person who has just been found."""
+    def __init__(self, find: Callable[[Image, FloatArray, Hand | None], Hand | None]) -> None:
+        """Begin with a person who has just been found; `find` looks as a `HandFinder` does."""
         self._find = find
         self._steady = OneEuro(min_cutoff=0.05, beta=80.0)
         self._visible: FloatArray | None = None
