@@ -32,7 +32,7 @@ def test_a_clip_knows_when_in_the_video_it_begins() -> None:
 
 def test_a_hand_that_was_not_seen_is_missing_and_the_other_is_not() -> None:
     poses = random_poses(75)
-    (_, left), (_, right) = SIDES
+    (_, left), _ = SIDES
     poses.visibility[10:25, left] = 0
     poses.world[10:25, left] = 9
     clip = poses.to_clip("a.mp4")
