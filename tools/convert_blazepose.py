@@ -1,14 +1,14 @@
-"""Convert the BlazePose networks from TensorFlow Lite to ONNX and check them against LiteRT.
+"""Convert the BlazePose and hand networks from TensorFlow Lite to ONNX, and check against LiteRT.
 
 The originals come out of two public packages, neither of which is a dependency: the wheel of
-`mediapipe` 0.10.21 (detector, landmark network "full") and the npm package `@mediapipe/pose`
-0.5.1675469404 (landmark network "heavy"). Needs `pip` and `npm` on the path, and beside the
-project's own dependencies:
+`mediapipe` 0.10.21 (detector, landmark network "full", both networks for hands) and the npm package
+`@mediapipe/pose` 0.5.1675469404 (landmark network "heavy"). Needs `pip` and `npm` on the path, and
+beside the project's own dependencies:
 
     pip install onnx ai-edge-litert
     python tools/convert_blazepose.py --images FOLDER
 
-Written are the three networks, licence, attribution and checksums, if every output agrees with
+Written are the networks, licence, attribution and checksums, if every output agrees with
 the original's to a ten-thousandth of its range. The files are the same to the byte on every run.
 """
 
@@ -58,6 +58,7 @@ _LANDMARK_OUTPUTS = {
     "Identity_3": "heatmap",
     "Identity_4": "world",
 }
+_HAND_OUTPUTS = {"Identity": "landmarks", "Identity_1": "presence", "Identity_3": "world"}
 NETWORKS = (
     Network(
         "pose_detector.onnx",
@@ -72,6 +73,22 @@ NETWORKS = (
         MEDIAPIPE,
         "mediapipe/modules/pose_landmark/pose_landmark_full.tflite",
         _LANDMARK_OUTPUTS,
+        0.0,
+        1.0,
+    ),
+    Network(
+        "hand_recrop.onnx",
+        MEDIAPIPE,
+        "mediapipe/modules/holistic_landmark/hand_recrop.tflite",
+        {"output_crop": "crop"},
+        0.0,
+        1.0,
+    ),
+    Network(
+        "hand_landmark_full.onnx",
+        MEDIAPIPE,
+        "mediapipe/modules/hand_landmark/hand_landmark_full.tflite",
+        _HAND_OUTPUTS,
         0.0,
         1.0,
     ),
@@ -156,21 +173,23 @@ def differences(original: bytes, converted: bytes, network: Network, folder: Pat
     return f"{count} inputs: {report}"
 
 
-NOTICE = """# The pose networks
+NOTICE = """# The pose and hand networks
 
-`pose_detector.onnx`, `pose_landmark_full.onnx` and `pose_landmark_heavy.onnx` are the BlazePose
-networks of MediaPipe, copyright The MediaPipe Authors, under the Apache License 2.0
-(`BLAZEPOSE_LICENSE.txt`). The method: V. Bazarevsky et al., "BlazePose: On-device Real-time Body
-Pose tracking", arXiv 2006.10204.
+`pose_detector.onnx`, `pose_landmark_full.onnx`, `pose_landmark_heavy.onnx`, `hand_recrop.onnx` and
+`hand_landmark_full.onnx` are networks of MediaPipe, copyright The MediaPipe Authors, under the
+Apache License 2.0 (`BLAZEPOSE_LICENSE.txt`). The methods: V. Bazarevsky et al., "BlazePose:
+On-device Real-time Body Pose tracking", arXiv 2006.10204; F. Zhang et al., "MediaPipe Hands:
+On-device Real-time Hand Tracking", arXiv 2006.10214.
 
 ## What was changed
 
 `tools/convert_blazepose.py` converted them from TensorFlow Lite to ONNX: the layout is NCHW
 inside, padding is part of the convolutions, weights that the detector stores sparsely are dense,
-and the segmentation mask of the landmark networks is cut off. The values of all weights are
-unchanged, in half precision as in the originals. Inputs and outputs keep their shapes and ranges
-(image (1, 224, 224, 3) in [-1, 1] for the detector, (1, 256, 256, 3) in [0, 1] for the landmark
-networks) and have new names.
+the PReLU of `hand_recrop` is written as two convolutions, and the segmentation mask of the pose
+landmark networks and the handedness of the hand's are cut off. The values of all weights are
+unchanged, in half precision where the originals have them so. Inputs and outputs keep their shapes
+and ranges (image (1, 224, 224, 3) in [-1, 1] for the detector, in [0, 1] for hand landmarks, and
+(1, 256, 256, 3) in [0, 1] for the others) and have new names.
 
 ## Sources and checksums (SHA-256)
 

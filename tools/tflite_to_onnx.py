@@ -1,4 +1,4 @@
-"""Write a TensorFlow Lite graph as ONNX: the operators of the BlazePose networks, no more.
+"""Write a TensorFlow Lite graph as ONNX: the operators of the pose and hand networks, no more.
 
 TensorFlow Lite lays images out as NHWC, ONNX as NCHW; inputs and outputs keep their shapes. The
 weights stay in half precision where the original stores them so: a Cast that ONNX Runtime folds
@@ -180,6 +180,22 @@ class Converter:
         )
         activate()
 
+    def prelu(self, source: int, slope: int, target: int) -> None:
+        """max(x, 0) - slope max(-x, 0), as two point-wise convolutions: exact, since one term is
+        always zero, and twice as fast as ONNX Runtime's PRelu, which leaves the layout of its
+        convolutions."""
+        steepness = self.constant(slope)
+        assert steepness is not None
+        one = np.eye(steepness.size, dtype=np.float32)
+        both, name = np.concatenate([one, -one]), self.name(target)
+        joined = np.concatenate([one, -one * steepness.reshape(-1, 1)], axis=1)
+        for part, values in (("both", both), ("joined", joined)):
+            weight = f"{name}_{part}"
+            self.weights[weight] = numpy_helper.from_array(values[:, :, None, None], weight)
+        self.emit("Conv", [self.name(source), f"{name}_both"], f"{name}_signs")
+        self.emit("Relu", [f"{name}_signs"], f"{name}_parts")
+        self.emit("Conv", [f"{name}_parts", f"{name}_joined"], name)
+
     def convert(self, operator: Any) -> None:
         """Append the ONNX nodes of one operator."""
         code = self.model.operatorCodes[operator.opcodeIndex]
@@ -215,6 +231,32 @@ class Converter:
                 pads=pads,
                 strides=strides,
             )
+        elif kind == "FULLY_CONNECTED":
+            weight, bias = operator.inputs[1:]
+            raw, activate = self.activated(options.fusedActivationFunction, target)
+            rows = [self.name(source), self.weight(weight, (0, 1)), self.weight(bias, (0,))]
+            self.emit("Gemm", rows, raw, transB=1)
+            activate()
+        elif kind == "MEAN":
+            axes = self.constant(operator.inputs[1])
+            if options.keepDims or axes is None or axes.tolist() != [1, 2]:
+                raise NotImplementedError("MEAN of other axes than height and width")
+            self.emit("ReduceMean", [self.name(source)], self.name(target), axes=[2, 3], keepdims=0)
+        elif kind == "PRELU":
+            self.prelu(source, operator.inputs[1], target)
+        elif kind == "STRIDED_SLICE":
+            begin, end, step = (self.constant(i) for i in operator.inputs[1:])
+            masks = (options.beginMask, options.endMask, options.ellipsisMask)
+            if any((*masks, options.newAxisMask, options.shrinkAxisMask)):
+                raise NotImplementedError("STRIDED_SLICE with a mask")
+            bounds = []
+            for what, values in (("begin", begin), ("end", end), ("step", step)):
+                assert values is not None
+                order = [int(values[axis]) for axis in (0, 3, 1, 2)]
+                bounds.append(self.shape_constant(f"{what}{target}", order))
+            every = self.shape_constant("axes", [0, 1, 2, 3])
+            inputs = [self.name(source), *bounds[:2], every, bounds[2]]
+            self.emit("Slice", inputs, self.name(target))
         elif kind == "ADD":
             raw, activate = self.activated(options.fusedActivationFunction, target)
             self.emit("Add", [self.name(i) for i in operator.inputs], raw)

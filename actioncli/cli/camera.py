@@ -32,11 +32,14 @@ def in_view(body: Body | None) -> bool:
     return body is not None and float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
 
 
-def record(settings: Settings, source: str, seconds: float, quality: str) -> Clip:
+def record(
+    settings: Settings, source: str, seconds: float, quality: str, hands: bool = True
+) -> Clip:
     """Record one clip.
 
     Args:
         source: see `open_source`; no file.
+        hands: look for hands, too.
 
     Raises:
         ClipError: no camera, it stops too soon, or the body is not in view.
@@ -50,7 +53,7 @@ def record(settings: Settings, source: str, seconds: float, quality: str) -> Cli
         raise UsageError(f"{camera.path}: is a file: {whole}enrol it as one, without --camera.")
     name, frames = camera.name, 0
     try:
-        poses = PoseStream(quality, seconds=seconds + LONGEST_GAP)
+        poses = PoseStream(quality, seconds + LONGEST_GAP, hands)
         told, missed, start = "", 0, 0.0
         for frame in camera.frames():
             if not isinstance(frame, Frame):

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -72,8 +72,8 @@ def doctor(
 ) -> None:
     """Check this installation and the support set.
 
-    Versions, weights, shipped files and the support set are looked at, recognition and the pose
-    network are tried, and what is missing is told.
+    Versions, weights, shipped files and the support set are looked at, recognition and the
+    networks of body and hands are tried, and what is missing is told.
 
     With --repair, what a damaged support set still holds is put into a new file in its place; the
     damaged one is kept beside it, and what is gone is told. Every recording that comes back is,
@@ -223,17 +223,24 @@ def _recognition(weights: Path | None) -> Iterator[Check]:
 
 
 def _poses() -> Iterator[Check]:
-    """Load what videos need, and let a pose network look at a picture."""
+    """Load what videos need, and let the networks of body and hands look at a picture."""
     import numpy as np
 
     try:
+        from actioncli.pose.estimator import Estimator
+        from actioncli.pose.hands import HandEstimator
         from actioncli.pose.landmarks import SIDE, LandmarkEstimator
         from actioncli.pose.region import Region
 
-        estimate = LandmarkEstimator("fast")
-        start = time.perf_counter()
-        estimate(np.zeros((SIDE, SIDE, 3), np.uint8), Region(SIDE / 2, SIDE / 2, SIDE))
-        yield Check("poses", "ok", f"answers in {(time.perf_counter() - start) * 1e3:.0f} ms")
+        picture, middle = np.zeros((SIDE, SIDE, 3), np.uint8), Region(SIDE / 2, SIDE / 2, SIDE)
+        looks: dict[str, Estimator[Any]] = {
+            "poses": LandmarkEstimator("fast"),
+            "hands": HandEstimator(),
+        }
+        for name, look in looks.items():
+            start = time.perf_counter()
+            look(picture, middle)
+            yield Check(name, "ok", f"answers in {(time.perf_counter() - start) * 1e3:.0f} ms")
     # Libraries of the system that are missing, or older ones, report it in many ways.
     except Exception as error:  # noqa: BLE001
         message = " ".join(str(error).split())

@@ -171,7 +171,8 @@ def _given(
 
     name = f"camera {camera}" if camera.isdecimal() else without_password(camera)
     try:
-        clip = record(settings, camera, seconds, options.quality or DEFAULT_QUALITY)
+        quality = options.quality or DEFAULT_QUALITY
+        clip = record(settings, camera, seconds, quality, options.hands)
     except ClipError as unusable:
         return [(name, unusable)]
     return [(name, clip)]

@@ -116,6 +116,9 @@ PersonOption = Annotated[
 CacheOption = Annotated[
     bool, typer.Option("--cache/--no-cache", help="Keep poses of videos for the next time.")
 ]
+HandsOption = Annotated[
+    bool, typer.Option("--hands/--no-hands", help="Look for hands in videos and cameras, too.")
+]
 
 PoseOption = Annotated[
     Literal["blazepose", "metrabs"],
@@ -141,6 +144,7 @@ def read_options(
     quality: QualityOption = None,
     person: PersonOption = None,
     cache: CacheOption = True,
+    hands: HandsOption = True,
     pose: PoseOption = "blazepose",
     pose_model: PoseModelOption = None,
 ) -> ReadOptions:
@@ -160,10 +164,10 @@ def read_options(
         from actioncli.pose.metrabs import load_model
 
         model = load_model(pose_model)
-    return ReadOptions(layout, fps, unit, up, start, end, quality, person, cache, model)
+    return ReadOptions(layout, fps, unit, up, start, end, quality, person, cache, hands, model)
 
 
-_FILE, _PERSON = "layout unit up fps", "quality person cache"
+_FILE, _PERSON = "layout unit up fps", "quality person cache hands"
 _VIDEO = f"start end {_PERSON} pose pose_model"
 FileReading = Annotated[ReadOptions, Options(read_options, _FILE)]
 ArchiveReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_PERSON}")]

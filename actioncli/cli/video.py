@@ -87,7 +87,9 @@ def read_annotated(path: Path, options: ReadOptions, shown: bool) -> tuple[Clip,
 
     part, quality = (options.start, options.end), options.quality or DEFAULT_QUALITY
     with video_progress(path, shown=shown) as progress:
-        poses = read_poses(path, *part, quality, options.person, options.cache, progress)
+        poses = read_poses(
+            path, *part, quality, options.person, options.cache, progress, hands=options.hands
+        )
     return clip_of(poses, path, whole=options.whole), poses
 
 

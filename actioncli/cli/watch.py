@@ -15,7 +15,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import load_support
-from actioncli.cli.options import QualityOption, TauOption, WeightsOption
+from actioncli.cli.options import HandsOption, QualityOption, TauOption, WeightsOption
 from actioncli.cli.output import OutputError, note, printable, say
 from actioncli.errors import ActionCliError, UsageError
 from actioncli.files import json_text
@@ -85,6 +85,7 @@ def watch(
         ),
     ] = RETRY_SECONDS,
     quality: QualityOption = None,
+    hands: HandsOption = True,
     weights: WeightsOption = None,
 ) -> None:
     """Tell every enrolled action that somebody performs.
@@ -142,6 +143,7 @@ def watch(
                 follow,
                 quality=quality or DEFAULT_QUALITY,
                 retry=retry,
+                hands=hands,
                 recorder=recorder,
                 on_frame=view.draw,
                 note=tell,

@@ -11,7 +11,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.skeleton import LIMBS, FloatArray, default_columns
+from actioncli.clips.skeleton import HAND_JOINTS, LIMBS, FloatArray, default_columns
 from actioncli.errors import ClipError
 
 BoolArray = NDArray[np.bool_]
@@ -113,9 +113,12 @@ def fill_gaps(
             notes.append(f"{cut} empty frames at the ends dropped")
 
     unseen = missing.mean(axis=0) > _MOST_MISSING
+    # A hand counts in the frames in which it is seen.
+    fingers = [at for at, name in enumerate(names) if name in HAND_JOINTS]
     unseen[[*_roots(positions, names), *needed]] = False
+    unseen[fingers] = missing[:, fingers].all(axis=0)
     if unseen.any():
-        notes.append(f"joints mostly missing, dropped: {', '.join(compress(names, unseen))}")
+        notes.append(f"joints mostly missing, dropped: {_some(list(compress(names, unseen)))}")
         positions, missing = positions[:, ~unseen], missing[:, ~unseen]
         confidence = None if confidence is None else confidence[:, ~unseen]
         names = tuple(compress(names, ~unseen))
@@ -132,9 +135,13 @@ def fill_gaps(
         if lost.any():
             shares = zip(names, lost.mean(axis=0).tolist(), strict=True)
             named = [f"{name} in {share:.0%}" for name, share in shares if share]
-            more = f" and {len(named) - 6} more" if len(named) > 6 else ""
-            notes.append(f"not seen: {', '.join(named[:6])}{more} of the frames")
+            notes.append(f"not seen: {_some(named)} of the frames")
     return positions, names, confidence, tuple(notes)
+
+
+def _some(names: list[str]) -> str:
+    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    return ", ".join(names[:6]) + more
 
 
 def _roots(positions: FloatArray, names: tuple[str, ...]) -> list[int]:

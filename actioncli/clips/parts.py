@@ -19,6 +19,7 @@ from actioncli.clips.skeleton import (
     BONES,
     DEFAULT_JOINTS,
     HAND_JOINTS,
+    HAND_PARENTS,
     LIMBS,
     bone_columns,
     centred,
@@ -34,8 +35,6 @@ PARTS = ("torso", "left arm", "right arm", "left leg", "right leg", "left hand",
 # people who stand in full view a hidden knee or wrist has 0.1 to 0.5.
 UNSEEN = 0.1
 
-# The joint before each of a hand's joints 1 to 20; every finger begins at the wrist.
-_HAND_PARENTS = [0 if joint % 4 == 1 else joint - 1 for joint in range(1, 21)]
 _JOINT = {name: at for at, name in enumerate(DEFAULT_JOINTS)}
 _CHILDREN, _PARENTS = bone_columns(DEFAULT_JOINTS)
 
@@ -82,7 +81,7 @@ def prepare_parts(clips: Sequence[Clip], preparation: Preparation) -> PartFrames
         for side in (0, 1):
             seen = ~prepared.missing[row, :, 5 + side]
             hand = hands[seen, 21 * side : 21 * side + 21]
-            bones = unit(hand[:, 1:] - hand[:, _HAND_PARENTS])
+            bones = unit(hand[:, 1:] - hand[:, HAND_PARENTS])
             prepared.hands[row, seen, 20 * side : 20 * side + 20] = bones
     return prepared
 

@@ -66,6 +66,8 @@ _BLAZEPOSE = (
 )
 # The wrist, then four joints of each finger from the palm outwards, the thumb first.
 HAND_JOINTS = tuple(f"{side}hand{joint}" for side in "lr" for joint in range(21))
+# The joint before each of a hand's joints 1 to 20; every finger begins at the wrist.
+HAND_PARENTS = tuple(0 if joint % 4 == 1 else joint - 1 for joint in range(1, 21))
 # Names, in column order, of the layouts that a file may have without naming its joints.
 LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {

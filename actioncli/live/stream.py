@@ -14,7 +14,8 @@ from actioncli.pose import RETRY_SECONDS
 from actioncli.pose.camera import LiveSource, open_source
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import Frame, VideoFile
-from actioncli.pose.landmarks import LANDMARK_COUNT, Body, LandmarkEstimator
+from actioncli.pose.hands import HandFinder
+from actioncli.pose.landmarks import Body, LandmarkEstimator
 from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.tracker import Tracker
 from actioncli.pose.video import SAMPLING_RATE
@@ -28,15 +29,17 @@ class PoseStream:
         body: what was seen in the last frame; None if nobody.
     """
 
-    def __init__(self, quality: str, seconds: float) -> None:
+    def __init__(self, quality: str, seconds: float, hands: bool = True) -> None:
         """Load the networks.
 
         Args:
             quality: "fast" or "accurate".
             seconds: how much to remember.
+            hands: look for hands, too.
         """
-        self._networks = PersonDetector(), LandmarkEstimator(quality)
-        self._tracker = Tracker(*self._networks, most=1)
+        finder = HandFinder() if hands else None
+        self._networks = PersonDetector(), LandmarkEstimator(quality), 1, finder
+        self._tracker = Tracker(*self._networks)
         self._seconds = seconds
         self._frames: list[float] = []
         self.size = (0, 0)
@@ -47,7 +50,7 @@ class PoseStream:
         size = frame.image.shape[1], frame.image.shape[0]
         if size != self.size:  # where people were means nothing any more
             self.size, self._frames = size, []
-            self._tracker = Tracker(*self._networks, most=1)
+            self._tracker = Tracker(*self._networks)
         seen = self._tracker(frame.image, frame.time)
         self.body = seen[0].bodies[-1] if seen else None
         self._frames.append(frame.time)
@@ -82,16 +85,8 @@ class PoseStream:
             first = max(first, int(np.searchsorted(times, track.jumps[-1])))
         if len(times) - first < 2:
             return None
-        bodies = track.bodies[first:]
-        looked = np.array(self._frames)
-        poses = Poses(
-            times=times[first:],
-            world=np.stack([body.world for body in bodies]),
-            visibility=np.stack([body.visibility for body in bodies]),
-            points=np.stack([body.points[:LANDMARK_COUNT] for body in bodies]),
-            frames=looked[looked >= times[first]],
-            size=self.size,
-        )
+        looked = [frame for frame in self._frames if frame >= times[first]]
+        poses = Poses.of(track.times[first:], track.bodies[first:], looked, self.size)
         try:
             return poses.to_clip("stream")
         except ClipError:  # the picture has not moved at all
@@ -108,6 +103,7 @@ class VideoStream:
         source: int | str | Path,
         quality: str,
         seconds: float,
+        hands: bool = True,
         retry: float = RETRY_SECONDS,
         note: Callable[[str], None] = lambda line: None,
     ) -> None:
@@ -118,7 +114,7 @@ class VideoStream:
             UsageError: it is no kind of source.
         """
         self._source = open_source(source, retry, note)
-        self._poses, self._begun = PoseStream(quality, seconds), time.monotonic()
+        self._poses, self._begun = PoseStream(quality, seconds, hands), time.monotonic()
 
     def times(self) -> Iterator[float]:
         """As frames come."""

@@ -63,6 +63,7 @@ def watch(
     *,
     each: bool = True,
     quality: str = DEFAULT_QUALITY,
+    hands: bool = True,
     retry: float = RETRY_SECONDS,
     recorder: Recorder | None = None,
     on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
@@ -81,6 +82,7 @@ def watch(
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         each: tell each repetition when it ends; else a set of them, once nothing follows.
         quality: pose network, "fast" or "accurate".
+        hands: look for hands, too.
         retry: seconds for which a camera or a stream that breaks is opened again.
         recorder: keeps the clips of events and near misses.
         on_frame: called after each frame, with its time.
@@ -102,7 +104,7 @@ def watch(
         from actioncli.live.stream import VideoStream
 
         hear = note or (lambda line: None)
-        stream = VideoStream(source, quality, max(detector.windows) + 1, retry, hear)
+        stream = VideoStream(source, quality, max(detector.windows) + 1, hands, retry, hear)
     sets = Sets()
     looked, frames, seen, now = -STRIDE, 0, 0, 0.0
     lost: ClipError | None = None

@@ -10,13 +10,15 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.edit import resample
+from actioncli.clips.skeleton import HAND_PARENTS
 from actioncli.errors import ClipError
 from actioncli.files import replacing
 from actioncli.pose.frames import VideoFile
+from actioncli.pose.landmarks import LANDMARK_COUNT
 from actioncli.pose.mp4 import mp4_writer
 from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.region import Image
-from actioncli.pose.sides import JOINT_NAMES
+from actioncli.pose.sides import ALL_NAMES
 from actioncli.pose.video import Progress
 
 # Bones by name, with `?` for either side; left is drawn in one colour, right in another.
@@ -34,12 +36,13 @@ _MOST_PER_LOOK = 100
 
 
 def bones() -> list[tuple[int, int, tuple[int, int, int]]]:
-    """Columns of both ends and the colour of each bone."""
+    """Columns of both ends and the colour of each bone; those of hands are the last."""
     named = [(bone, "m") for bone in _MIDDLE]
-    named += [(bone.replace("?", side), side) for bone in _SIDED for side in "lr"]
+    fingers = [f"?hand{parent} ?hand{joint}" for joint, parent in enumerate(HAND_PARENTS, 1)]
+    named += [(bone.replace("?", side), side) for bone in (*_SIDED, *fingers) for side in "lr"]
     found = []
     for bone, side in named:
-        start, end = (JOINT_NAMES.index(joint) for joint in bone.split())
+        start, end = (ALL_NAMES.index(joint) for joint in bone.split())
         found.append((start, end, _COLOURS[side]))
     return found
 
@@ -98,14 +101,17 @@ def _draw(image: Image, poses: Poses, time: float) -> None:
         return
     now = np.array([time])
     points: FloatArray = resample(poses.points, poses.times, now)[0]
-    visible = resample(poses.visibility, poses.times, now)[0] >= _LEAST_VISIBLE
+    # A hand that comes or goes has no place in between.
+    seen = (poses.visibility >= _LEAST_VISIBLE).astype(np.float32)
+    visible = resample(seen, poses.times, now)[0] > 1 - 1e-6
     width = max(2, round(min(image.shape[:2]) / 200))
     # Fixed point with 3 binary digits, so that the skeleton does not tremble.
     at = [(int(x), int(y)) for x, y in np.rint(points.clip(-1e4, 1e5) * 8)]
     for start, end, colour in bones():
-        if visible[start] and visible[end]:
-            cv2.line(image, at[start], at[end], (0, 0, 0), width + 2, cv2.LINE_AA, 3)
-            cv2.line(image, at[start], at[end], colour, width, cv2.LINE_AA, 3)
+        if end < len(visible) and visible[start] and visible[end]:
+            wide = width if end < LANDMARK_COUNT else max(1, width // 3)
+            cv2.line(image, at[start], at[end], (0, 0, 0), wide + 2, cv2.LINE_AA, 3)
+            cv2.line(image, at[start], at[end], colour, wide, cv2.LINE_AA, 3)
 
 
 def _write(image: Image, lines: Sequence[str]) -> None:

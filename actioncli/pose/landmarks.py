@@ -27,17 +27,18 @@ class Body:
 
     Attributes:
         presence: probability that the region shows a person at all.
-        points: (35, 2) pixels in the image: 33 landmarks, the body's centre, and the point that
-            tells its size and direction.
-        visibility: (33,) probability that the landmark is in view.
-        world: (33, 3) metres from the midpoint of the hips; x right in the image, y down,
+        points: (J, 2) pixels in the image: 33 landmarks, or 75 with both hands.
+        visibility: (J,) probability that the landmark is in view.
+        world: (J, 3) metres from the midpoint of the hips; x right in the image, y down,
             z away from the camera.
+        ends: (2, 2) pixels: the body's centre, and the point that tells its size and direction.
     """
 
     presence: float
     points: FloatArray
     visibility: FloatArray
     world: FloatArray
+    ends: FloatArray
 
 
 class LandmarkEstimator(Estimator[Body]):
@@ -57,15 +58,13 @@ class LandmarkEstimator(Estimator[Body]):
         """The body, whatever the region shows; see `Body.presence`."""
         rows = output["landmarks"].reshape(ALL_POINTS, 5)  # x, y, z, visibility, presence
         points = refine(rows[:, :2] / np.float32(SIDE), output["heatmap"][0])
-        world = output["world"].reshape(ALL_POINTS, 3)[:LANDMARK_COUNT].copy()
-        sine, cosine = np.sin(region.angle), np.cos(region.angle)
-        turn = np.array([[cosine, -sine], [sine, cosine]], np.float32)
-        world[:, :2] = world[:, :2] @ turn.T
+        placed = region.to_image(points[: SCALE_POINT + 1])
         return Body(
             presence=float(output["presence"].item()),
-            points=region.to_image(points[: SCALE_POINT + 1]),
+            points=placed[:LANDMARK_COUNT],
             visibility=sigmoid(rows[:LANDMARK_COUNT, 3]),
-            world=world,
+            world=region.turned(output["world"].reshape(ALL_POINTS, 3)[:LANDMARK_COUNT]),
+            ends=placed[[CENTRE_POINT, SCALE_POINT]],
         )
 
 

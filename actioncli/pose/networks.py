@@ -23,6 +23,7 @@ onnxruntime.disable_telemetry_events()
 
 DETECTOR = "pose_detector.onnx"
 LANDMARKS = {"fast": "pose_landmark_full.onnx", "accurate": "pose_landmark_heavy.onnx"}
+HAND_CROP, HAND_LANDMARKS = "hand_recrop.onnx", "hand_landmark_full.onnx"
 CHECKSUMS = "SHA256SUMS"
 
 # More threads than this gain nothing on networks of this size.

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import resample
 from actioncli.errors import ClipError
+from actioncli.pose.hands import SIDES
+from actioncli.pose.landmarks import LANDMARK_COUNT, Body
 from actioncli.pose.one_euro import OneEuro
-from actioncli.pose.sides import JOINT_NAMES, settle_sides
+from actioncli.pose.sides import ALL_NAMES, settle_sides
 
 # A longer time without the person is told, and never lies inside an active part.
 LONGEST_GAP = 0.5
@@ -26,10 +28,12 @@ class Poses:
 
     Attributes:
         times: (T,) seconds from the beginning of the video, increasing.
-        world: (T, 33, 3) metres from the midpoint of the hips; x right in the image, y down,
+        world: (T, J, 3) metres from the midpoint of the hips; x right in the image, y down,
             z away from the camera. As the network gives them: neither smoothed nor sides settled.
-        visibility: (T, 33) probabilities.
-        points: (T, 33, 2) pixels in the image.
+            J is 33, or 75 where hands were looked for.
+        visibility: (T, J) probabilities; 0 throughout a hand that was not seen, whose places mean
+            nothing.
+        points: (T, J, 2) pixels in the image.
         frames: (N,) times of all frames that were looked at.
         size: width and height of the image.
         notes: what happened on the way, for people.
@@ -42,6 +46,24 @@ class Poses:
     frames: NDArray[np.float64]
     size: tuple[int, int]
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        times: Sequence[float],
+        bodies: Sequence[Body],
+        frames: Sequence[float],
+        size: tuple[int, int],
+    ) -> Poses:
+        """What was seen of a person at these times, of all `frames`."""
+        return cls(
+            times=np.array(times),
+            world=np.stack([body.world for body in bodies]),
+            visibility=np.stack([body.visibility for body in bodies]),
+            points=np.stack([body.points for body in bodies]),
+            frames=np.array(frames),
+            size=size,
+        )
 
     def between(self, start: float, end: float) -> Poses:
         """The part from `start` to `end`, seconds."""
@@ -63,7 +85,8 @@ class Poses:
         return [(float(self.times[i]), float(self.times[i + 1])) for i in steps]
 
     def to_clip(self, source: str, notes: Sequence[str] = ()) -> Clip:
-        """The skeleton as a clip in layout `blazepose_33`, at a constant frame rate.
+        """The skeleton as a clip in layout `blazepose_33`, or `holistic_75` where hands were looked
+        for, at a constant frame rate.
 
         Sides are settled, positions smoothed as the reference does, and brought from the frames'
         own times to even ones; in between frames that lack the person, confidence is 0.
@@ -81,22 +104,51 @@ class Poses:
         if changed.any():
             frames = f"{changed.sum()} of {len(changed)} frames"
             notes.append(f"left and right were mixed up in {frames}, and put right")
-        smooth = OneEuro(min_cutoff=0.1, beta=40.0)
-        world = np.stack([smooth(w, t) for w, t in zip(world, self.times, strict=True)])
         step = float(self.frames[-1] - self.frames[0]) / (len(self.frames) - 1)
         # Half a step of tolerance: the last frame counts even if its time is rounded.
         even = np.arange(self.times[0], self.times[-1] + step / 2, step)
         even = even.clip(max=self.times[-1])
+        joints = resample(_smoothed(world[:, :LANDMARK_COUNT], self.times), self.times, even)
         confidence = resample(visibility, self.times, even)
+        if world.shape[1] > LANDMARK_COUNT:
+            hands = [
+                joints[:, [wrist]]
+                + _hand(world[:, own], visibility[:, own.start] > 0, self.times, even)
+                for (wrist, *_), own in SIDES
+            ]
+            joints = np.concatenate([joints, *hands], axis=1)
+            confidence[np.isnan(joints[..., 0])] = 0
         for lost, found in self.gaps():
             confidence[(even > lost) & (even < found)] = 0
             notes.append(f"nobody was seen from {lost:.1f} s to {found:.1f} s")
         return Clip(
-            resample(world * _TO_CLIP, self.times, even),
-            JOINT_NAMES,
+            joints * _TO_CLIP,
+            ALL_NAMES[: joints.shape[1]],
             fps=1 / step,
             confidence=confidence.clip(0, 1),
             source=source,
             notes=notes,
             start=float(self.times[0]),
         )
+
+
+def _hand(
+    places: FloatArray,
+    seen: NDArray[np.bool_],
+    times: NDArray[np.float64],
+    even: NDArray[np.float64],
+) -> FloatArray:
+    """A hand (T, 21, 3) from its wrist at even times; NaN where the nearest frame lacks it."""
+    hand = np.full((len(even), *places.shape[1:]), np.nan, np.float32)
+    if seen.sum() > 1:
+        between = (times[1:] + times[:-1]) / 2
+        there = seen[np.searchsorted(between, even)]
+        smooth = _smoothed(places[seen] - places[seen, :1], times[seen])
+        hand[there] = resample(smooth, times[seen], even[there])
+    return hand
+
+
+def _smoothed(places: FloatArray, times: NDArray[np.float64]) -> FloatArray:
+    """Places (T, ..., 3), metres, smoothed as the reference smooths a body's."""
+    smooth = OneEuro(min_cutoff=0.1, beta=40.0)
+    return np.stack([smooth(place, time) for place, time in zip(places, times, strict=True)])

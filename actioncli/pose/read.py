@@ -24,7 +24,7 @@ class ReadOptions:
 
     Attributes:
         layout, fps, unit, up: of files of joints, see `read_clip`.
-        start, end, quality, person, cache: of videos, see `read_video_clip`.
+        start, end, quality, person, cache, hands: of videos, see `read_video_clip`.
         metrabs: looks at videos instead of BlazePose.
     """
 
@@ -37,6 +37,7 @@ class ReadOptions:
     quality: str | None = None
     person: int | None = None
     cache: bool = True
+    hands: bool = True
     metrabs: PoseModel | None = None
 
     @property
@@ -72,6 +73,7 @@ def read_clip(
     quality: str | None = None,
     person: int | None = None,
     cache: bool = True,
+    hands: bool = True,
     progress: Callable[[Progress], None] | None = None,
 ) -> Clip:
     """Read one person's clip from a file of joints or a video, whichever its name says.
@@ -86,6 +88,7 @@ def read_clip(
         quality: pose network for videos, "fast" or "accurate".
         person: whom to follow in a video, 1 is the leftmost; whoever moves most where None.
         cache: keep poses of videos for the next time.
+        hands: look for hands in videos, too.
         progress: called now and then while a video is read.
 
     Raises:
@@ -94,7 +97,7 @@ def read_clip(
         UsageError: an option has an impossible value, or means nothing for this kind of file.
         WeightsError: a pose network is missing or damaged.
     """
-    options = ReadOptions(layout, fps, unit, up, start, end, quality, person, cache)
+    options = ReadOptions(layout, fps, unit, up, start, end, quality, person, cache, hands)
     return read_any(path, options, progress)
 
 
@@ -110,8 +113,8 @@ def read_any(
     """Read a clip from a file of joints or a video, whichever its name says.
 
     Args:
-        options: what only says how to look at a video (`quality`, `cache`, `metrabs`) means
-            nothing for files of joints.
+        options: what only says how to look at a video (`quality`, `cache`, `hands`, `metrabs`)
+            means nothing for files of joints.
         progress: called now and then while a video is read.
 
     Raises:
@@ -159,7 +162,9 @@ def read_person(
     from actioncli.pose import video
 
     quality = options.quality or video.DEFAULT_QUALITY
-    return video.read_video_clip(path, *part, quality, options.person, options.cache, progress)
+    return video.read_video_clip(
+        path, *part, quality, options.person, options.cache, progress, hands=options.hands
+    )
 
 
 def _refuse_address(path: Path) -> None:

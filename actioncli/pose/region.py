@@ -39,11 +39,21 @@ class Region:
             centre: (2,) pixels, the midpoint of the hips.
             scale: (2,) pixels, on the circle around the body, upwards from the hips.
         """
-        dx, dy = float(scale[0] - centre[0]), float(scale[1] - centre[1])
+        return cls.towards(centre, scale, 2 * float(np.hypot(*(scale - centre))) * ROOM)
+
+    @classmethod
+    def towards(cls, centre: FloatArray, end: FloatArray, size: float) -> Region:
+        """The region about a point (2,) whose upper edge lies towards another, pixels."""
+        dx, dy = float(end[0] - centre[0]), float(end[1] - centre[1])
         angle = np.pi / 2 - np.arctan2(-dy, dx)
         angle -= 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
-        size = 2 * np.hypot(dx, dy) * ROOM
-        return cls(float(centre[0]), float(centre[1]), float(size), float(angle))
+        return cls(float(centre[0]), float(centre[1]), size, float(angle))
+
+    def moved(self, forward: float, grown: float = 1.0) -> Region:
+        """Moved towards its upper edge, in sides, and then grown about its centre."""
+        step = forward * self.size
+        x, y = self.x + step * np.sin(self.angle), self.y - step * np.cos(self.angle)
+        return Region(float(x), float(y), grown * self.size, self.angle)
 
     def distance(self, other: Region) -> float:
         """Between the centres, in sides of the larger region."""
@@ -54,6 +64,17 @@ class Region:
         return np.asarray(
             (points - 0.5) * self.size @ _rotation(self.angle).T + (self.x, self.y), np.float32
         )
+
+    def to_region(self, points: FloatArray) -> FloatArray:
+        """Pixels (N, 2) in units of the region's side, from its corner; undoes `to_image`."""
+        away = (points - (self.x, self.y)) @ _rotation(self.angle)
+        return np.asarray(away / self.size + 0.5, np.float32)
+
+    def turned(self, world: FloatArray) -> FloatArray:
+        """Vectors (N, 3) along the region's edges and away from the camera, along the image's."""
+        turned = world.copy()
+        turned[:, :2] = world[:, :2] @ _rotation(self.angle).T.astype(np.float32)
+        return turned
 
     def crop(self, image: Image, side: int, border: int) -> Image:
         """Cut the region out as (side, side, 3), bilinear.

@@ -16,9 +16,11 @@ from actioncli.clips.clip import FloatArray
 from actioncli.clips.skeleton import LAYOUTS, mirrored_columns
 
 JOINT_NAMES = LAYOUTS["blazepose_33"]
+# The same with both hands.
+ALL_NAMES = LAYOUTS["holistic_75"]
 
 # Column of each landmark's twin on the other side; the nose is its own.
-TWINS = np.array(mirrored_columns(JOINT_NAMES))
+TWINS = np.array(mirrored_columns(ALL_NAMES))
 
 
 def _columns(*joints: str) -> list[int]:
@@ -29,10 +31,11 @@ _ARMS = _columns("sho", "elb", "wri")
 _LEGS = _columns("hip", "kne", "ank")
 LIMBS = _ARMS + _LEGS
 _FIRST_OF_LEGS = JOINT_NAMES.index("lhip")
-# (joints that go together, joints whose path is measured)
+_LAST_OF_BODY = len(JOINT_NAMES)
+# (joints that go together, joints whose path is measured); hands hang on the arms.
 _HALVES = (
-    (np.arange(_FIRST_OF_LEGS), _ARMS),
-    (np.arange(_FIRST_OF_LEGS, len(JOINT_NAMES)), _LEGS),
+    (np.r_[0:_FIRST_OF_LEGS, _LAST_OF_BODY : len(ALL_NAMES)], _ARMS),
+    (np.arange(_FIRST_OF_LEGS, _LAST_OF_BODY), _LEGS),
 )
 # Metres of path that an exchanged frame must save: what the network says holds unless it leaps.
 _COST_OF_EXCHANGE = 0.01
@@ -44,15 +47,16 @@ def settle_sides(
     """Exchange left and right where the network mixed them up.
 
     Args:
-        world: (T, 33, 3) metres, consecutive frames.
-        visibility: (T, 33).
+        world: (T, J, 3) metres, consecutive frames; J is 33, or 75 with hands.
+        visibility: (T, J).
 
     Returns:
         Both of them in order, and (T,) which frames were changed.
     """
     world, visibility = world.copy(), visibility.copy()
     changed = np.zeros(len(world), np.bool_)
-    for joints, limbs in _HALVES:
+    for half, limbs in _HALVES:
+        joints = half[half < world.shape[1]]
         exchange = _shortest_path(world[:, limbs], world[:, TWINS[limbs]])
         frames = np.flatnonzero(exchange)
         twins = TWINS[joints]

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from actioncli.pose.detector import Detection, PersonDetector
-from actioncli.pose.landmarks import CENTRE_POINT, SCALE_POINT, Body, LandmarkEstimator
+from actioncli.pose.hands import HandFinder, HandFollower
+from actioncli.pose.landmarks import Body, LandmarkEstimator
 from actioncli.pose.one_euro import OneEuro
 from actioncli.pose.region import Image, Region
 from actioncli.pose.sides import LIMBS
@@ -39,29 +40,34 @@ class Track:
     jumps: list[float] = field(default_factory=list)
     region: Region | None = None
     _last_region: Region | None = None
+    _hands: HandFollower | None = None
 
     def resume(self, region: Region, time: float) -> None:
         """Start, or go on after a loss, from where the detector found the person."""
         if self._last_region is not None and region.distance(self._last_region) > SAME_PLACE:
             self.jumps.append(time)
-        self.region = region
+        self.region, self._hands = region, None
         self._steady = OneEuro(min_cutoff=0.01, beta=10.0)
 
     def lose(self) -> None:
         """Stop following until `resume`."""
         self._last_region, self.region = self.region, None
 
-    def step(self, estimate: LandmarkEstimator, image: Image, time: float) -> Body | None:
+    def step(
+        self, estimate: LandmarkEstimator, hands: HandFinder | None, image: Image, time: float
+    ) -> Body | None:
         """Take in a frame; None (and `region` None) if the person is lost."""
         assert self.region is not None, "resume() comes first"
         body = estimate(image, self.region)
         if body.presence < LEAST_PRESENCE:
             self.lose()
             return None
-        ends = body.points[[CENTRE_POINT, SCALE_POINT]]
-        reach = float(np.linalg.norm(ends[1] - ends[0]))
-        centre, scale = self._steady(ends, time, scale=1 / max(2 * reach, 1e-6))
+        reach = float(np.linalg.norm(body.ends[1] - body.ends[0]))
+        centre, scale = self._steady(body.ends, time, scale=1 / max(2 * reach, 1e-6))
         self.region = Region.around(centre, scale)
+        if hands is not None:
+            self._hands = self._hands or HandFollower(hands)
+            body = self._hands(image, body, time)
         self.times.append(time)
         self.bodies.append(body)
         return body
@@ -94,15 +100,20 @@ class Tracker:
     """
 
     def __init__(
-        self, detect: PersonDetector, estimate: LandmarkEstimator, most: int = MOST_PEOPLE
+        self,
+        detect: PersonDetector,
+        estimate: LandmarkEstimator,
+        most: int = MOST_PEOPLE,
+        hands: HandFinder | None = None,
     ) -> None:
         """Begin without anybody.
 
         Args:
             most: how many people to follow at once; each costs a run of the network a frame.
+            hands: looks for their hands, too.
         """
         self.tracks: list[Track] = []
-        self._detect, self._estimate, self._most = detect, estimate, most
+        self._detect, self._estimate, self._hands, self._most = detect, estimate, hands, most
         self._looked = -np.inf
 
     def __call__(self, image: Image, time: float) -> list[Track]:
@@ -110,7 +121,8 @@ class Tracker:
         seen = [
             track
             for track in self.tracks
-            if track.region is not None and track.step(self._estimate, image, time) is not None
+            if track.region is not None
+            and track.step(self._estimate, self._hands, image, time) is not None
         ]
         seen = self._without_doubles(seen)
         if self._should_look(seen, time):
@@ -120,7 +132,7 @@ class Tracker:
                 if track is None:
                     continue
                 track.resume(detection.region, time)
-                if track.step(self._estimate, image, time) is not None:
+                if track.step(self._estimate, self._hands, image, time) is not None:
                     seen.append(track)
                     if track not in self.tracks:
                         self.tracks.append(track)

@@ -15,8 +15,15 @@ from actioncli.errors import ClipError, UsageError
 from actioncli.pose import cache as pose_cache
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import VideoFile
+from actioncli.pose.hands import HandFinder
 from actioncli.pose.landmarks import LANDMARK_COUNT, LandmarkEstimator
-from actioncli.pose.networks import DETECTOR, LANDMARKS, shipped_checksum
+from actioncli.pose.networks import (
+    DETECTOR,
+    HAND_CROP,
+    HAND_LANDMARKS,
+    LANDMARKS,
+    shipped_checksum,
+)
 from actioncli.pose.poses import Poses
 from actioncli.pose.tracker import Track, Tracker
 
@@ -47,6 +54,7 @@ def read_video_clip(
     cache: bool = True,
     progress: Callable[[Progress], None] | None = None,
     rate: float | None = SAMPLING_RATE,
+    hands: bool = True,
 ) -> Clip:
     """Read the skeleton of one person from a video.
 
@@ -58,10 +66,11 @@ def read_video_clip(
         cache: use and keep poses of the same content and settings.
         progress: called now and then while frames are looked at.
         rate: poses a second; None: every frame.
+        hands: look for hands, too.
 
     Returns:
-        A clip in layout `blazepose_33`; confidence is visibility. Its notes tell the part that
-        was used, gaps, and whatever is doubtful.
+        A clip in layout `holistic_75`, or `blazepose_33` without `hands`; confidence is visibility.
+        Its notes tell the part that was used, gaps, and whatever is doubtful.
 
     Raises:
         ClipError: not a video, no frames, or no person in most of them.
@@ -69,7 +78,7 @@ def read_video_clip(
         WeightsError: a pose network is missing or damaged.
     """
     path = Path(path)
-    poses = read_poses(path, start, end, quality, person, cache, progress, rate)
+    poses = read_poses(path, start, end, quality, person, cache, progress, rate, hands)
     return clip_of(poses, path, whole=start is not None or end is not None)
 
 
@@ -109,6 +118,7 @@ def read_poses(
     cache: bool = True,
     progress: Callable[[Progress], None] | None = None,
     rate: float | None = SAMPLING_RATE,
+    hands: bool = True,
 ) -> Poses:
     """What `read_video_clip` makes its clip of; arguments and errors are the same."""
     if quality not in LANDMARKS:
@@ -119,8 +129,9 @@ def read_poses(
     if person is not None and person < 1:
         raise UsageError(f"--person counts from 1, {person} is nobody.")
     video = VideoFile(path)
+    networks = [DETECTOR, LANDMARKS[quality], *((HAND_CROP, HAND_LANDMARKS) if hands else ())]
     settings = {
-        "networks": [shipped_checksum(DETECTOR), shipped_checksum(LANDMARKS[quality])],
+        "networks": [shipped_checksum(network) for network in networks],
         # 2 and 2.0 are the same time.
         "start": float(begin),
         "end": None if end is None else float(end),
@@ -130,7 +141,7 @@ def read_poses(
     key = pose_cache.cache_key(path, settings) if cache else ""
     found = pose_cache.load(key) if cache else None
     if found is None:
-        found = _estimate(video, begin, stop, quality, person, progress, rate)
+        found = _estimate(video, begin, stop, quality, person, progress, rate, hands)
         if cache:
             pose_cache.keep(key, found)
     return found
@@ -144,8 +155,10 @@ def _estimate(
     person: int | None,
     progress: Callable[[Progress], None] | None,
     rate: float | None,
+    hands: bool,
 ) -> Poses:
-    tracker = Tracker(PersonDetector(), LandmarkEstimator(quality))
+    finder = HandFinder() if hands else None
+    tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), hands=finder)
     total = min(end, video.duration) - start
     times, size = [], (0, 0)
     for frame in video.frames(start, end, rate):
@@ -169,7 +182,8 @@ def _estimate(
             "should be in view and upright in the picture."
         )
     track, told = choose(tracker.tracks, person, str(video.path))
-    return replace(_poses(track, times, size), notes=(*notes, *told))
+    poses = Poses.of(track.times, track.bodies, times, size)
+    return replace(poses, notes=(*notes, *told))
 
 
 def choose(tracks: list[Track], person: int | None, source: str) -> tuple[Track, list[str]]:
@@ -180,7 +194,7 @@ def choose(tracks: list[Track], person: int | None, source: str) -> tuple[Track,
     """
     longest = max(len(track.times) for track in tracks)
     people = [track for track in tracks if len(track.times) >= _LEAST_TRACK * longest]
-    people.sort(key=lambda track: float(track.bodies[0].points[:, 0].mean()))
+    people.sort(key=lambda track: float(track.bodies[0].points[:LANDMARK_COUNT, 0].mean()))
     if person is not None and person > len(people):
         raise ClipError(
             f"{source}: there is no person {person}; {len(people)} can be followed, "
@@ -194,14 +208,3 @@ def choose(tracks: list[Track], person: int | None, source: str) -> tuple[Track,
         notes.append(f"followed person {chosen + 1} of {len(people)} from the left, {why}")
     notes += [f"at {time:.1f} s another body may be followed" for time in people[chosen].jumps]
     return people[chosen], notes
-
-
-def _poses(track: Track, frames: list[float], size: tuple[int, int]) -> Poses:
-    return Poses(
-        times=np.array(track.times),
-        world=np.stack([body.world for body in track.bodies]),
-        visibility=np.stack([body.visibility for body in track.bodies]),
-        points=np.stack([body.points[:LANDMARK_COUNT] for body in track.bodies]),
-        frames=np.array(frames),
-        size=size,
-    )

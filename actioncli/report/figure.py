@@ -10,12 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.skeleton import BONES, Side, default_columns, side_of, turn_to_front
+from actioncli.clips.skeleton import (
+    BONES,
+    HAND_JOINTS,
+    HAND_PARENTS,
+    Side,
+    default_columns,
+    side_of,
+    turn_to_front,
+)
 
 Bone = tuple[int, int, Side]
 
 # Below this confidence a joint is marked as a guess; filled gaps have 0.
 SURE = 0.5
+# How wide fingers are drawn.
+_FINGER = 0.4
 # A pelvis that moves less than this (metres) has been taken as the origin of every frame.
 _PINNED = 1e-3
 
@@ -46,6 +56,10 @@ class Figure:
     bones: tuple[Bone, ...]
     fps: float
 
+    def stroke(self, bone: Bone) -> float:
+        """How wide a bone is drawn: 1, but for a finger's."""
+        return _FINGER if self.names[bone[1]] in HAND_JOINTS else 1.0
+
     @property
     def duration(self) -> float:
         """Seconds from the first frame to the last."""
@@ -64,6 +78,8 @@ class Figure:
 def figure(clip: Clip) -> Figure:
     """The figure of a clip: its default joints, and hands and feet where the layout has them.
 
+    A hand with fingers lies in the wrist while it is not seen.
+
     Whichever way the person faced, the figure faces the viewer. A clip whose pelvis never moves
     was centred by its source; its figure stands on the lowest point of each frame, any other on
     the lowest of the whole clip.
@@ -75,11 +91,19 @@ def figure(clip: Clip) -> Figure:
         for child, parent, _ in BONES
         if child in columns and parent in columns
     ]
+    hands = _hands(clip)
     for name, joint, side in _tips(clip.joint_names):
         column = clip.joint_names.index(name)
-        if joint in columns and column not in columns[joint]:
+        if joint in columns and column not in columns[joint] and joint not in hands:
             bones.append((body.index(joint), len(columns), side))
             columns[name] = (column,)
+    for wrist, own in hands.items():
+        first = len(columns)
+        columns |= {clip.joint_names[column]: (column,) for column in own}
+        bones += [
+            (first + parent, first + joint, side_of(wrist))
+            for joint, parent in enumerate(HAND_PARENTS, 1)
+        ]
     if not columns:
         columns = {name: (column,) for column, name in enumerate(clip.joint_names)}
     names = tuple(columns)
@@ -90,6 +114,11 @@ def figure(clip: Clip) -> Figure:
         sure = np.stack(
             [clip.confidence[:, list(c)].min(axis=1) >= SURE for c in columns.values()], axis=1
         )
+    for wrist, own in hands.items():
+        first = names.index(clip.joint_names[own[0]])
+        gone = np.isnan(clip.joints[:, own[0], 0])
+        points[gone, first : first + len(own)] = points[gone, None, names.index(wrist)]
+        sure[:, first : first + len(own)] = True
     if {"lhip", "rhip", "lsho", "rsho"} <= columns.keys():
         points = turn_to_front(points, names)
     return Figure(_grounded(points, names), sure, names, tuple(bones), clip.fps)
@@ -124,6 +153,17 @@ def _grounded(points: FloatArray, names: Sequence[str]) -> FloatArray:
     moved = points - middle
     moved[..., 1] = points[..., 1] - ground[:, None]
     return np.asarray(moved, np.float32)
+
+
+def _hands(clip: Clip) -> dict[str, list[int]]:
+    """The columns of each hand that is ever seen, by the wrist that it hangs on."""
+    found, columns = {}, default_columns(clip.joint_names)
+    for wrist, own in (("lwri", HAND_JOINTS[:21]), ("rwri", HAND_JOINTS[21:])):
+        if wrist in columns and set(own) <= set(clip.joint_names):
+            hand = [clip.joint_names.index(name) for name in own]
+            if np.isfinite(clip.joints[:, hand]).any():
+                found[wrist] = hand
+    return found
 
 
 def _tips(names: Sequence[str]) -> list[tuple[str, str, Side]]:

@@ -114,7 +114,7 @@ def playable(
         "joints": len(figure.names),
         "seconds": round(figure.duration, 3),
         "box": round(_box(figure), 3),
-        "bones": [list(bone) for bone in figure.bones],
+        "bones": [[*bone, figure.stroke(bone)] for bone in figure.bones],
         "head": figure.head,
         "points": base64.b64encode(millimetres.tobytes()).decode(),
         "sure": base64.b64encode(sure.tobytes()).decode(),

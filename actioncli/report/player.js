@@ -73,9 +73,9 @@
     // What is farther away is painted first.
     const bones = [...figure.bones].sort((a, b) =>
       flat[b[0]][2] + flat[b[1]][2] - flat[a[0]][2] - flat[a[1]][2]);
-    for (const [a, b, part] of bones) {
+    for (const [a, b, part, share] of bones) {
       g.strokeStyle = colour(part);
-      g.lineWidth = width;
+      g.lineWidth = share * width;
       g.setLineDash(sure(a) && sure(b) ? [] : [width / 4, 2 * width]);
       g.beginPath(); g.moveTo(flat[a][0], flat[a][1]); g.lineTo(flat[b][0], flat[b][1]); g.stroke();
     }

@@ -114,10 +114,11 @@ def ground_and_body(
     disc = scale * (0.75 if travels else 0.42)
     shapes: list[Shape] = [Oval((under, at[1]), (disc, 0.16 * disc), "ground")]
     sure = figure.sure[frame]
-    for a, b, side in figure.bones:
+    for bone in figure.bones:
+        a, b, side = bone
         dashed = not (sure[a] and sure[b])
         ends = (float(x[a]), float(y[a])), (float(x[b]), float(y[b]))
-        shapes.append(Line(*ends, side, width, dashed))
+        shapes.append(Line(*ends, side, figure.stroke(bone) * width, dashed))
     if figure.head is not None:
         centre = float(x[figure.head]), float(y[figure.head])
         radius = scale * _HEAD_RADIUS

@@ -23,7 +23,8 @@ from actioncli.pose import without_password
 from actioncli.pose.annotate import bones
 from actioncli.pose.camera import LiveSource, open_source
 from actioncli.pose.frames import Frame, VideoFile
-from actioncli.pose.sides import JOINT_NAMES, LIMBS
+from actioncli.pose.landmarks import LANDMARK_COUNT
+from actioncli.pose.sides import ALL_NAMES, LIMBS
 from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.recognition.support import SupportSet
 from actioncli.studio.guard import SUBPROTOCOL
@@ -204,13 +205,17 @@ async def _send(socket: WebSocket, document: object) -> None:
     await socket.send_text(json.dumps(document))
 
 
-def _bones() -> list[tuple[int, int, str]]:
-    """Columns of both ends, and the side of the body, of each bone that is drawn on film."""
-    return [(start, end, _side(start, end)) for start, end, _ in bones()]
+def _bones() -> list[tuple[int, int, str, float]]:
+    """Columns of both ends, the side of the body, and the share of a stroke's width, of each bone
+    that is drawn on film."""
+    return [
+        (start, end, _side(start, end), 1 if end < LANDMARK_COUNT else 0.4)
+        for start, end, _ in bones()
+    ]
 
 
 def _side(*columns: int) -> str:
-    sides = {JOINT_NAMES[column][0] for column in columns if JOINT_NAMES[column] != "nose"}
+    sides = {ALL_NAMES[column][0] for column in columns if ALL_NAMES[column] != "nose"}
     return {"l": "left", "r": "right"}[sides.pop()] if len(sides) == 1 else "middle"
 
 

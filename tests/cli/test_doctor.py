@@ -22,7 +22,7 @@ def test_a_whole_installation(invoke: Invoke, filled: SupportStore) -> None:
     assert found["actioncli"]["detail"] == __version__
     assert found["enrolled"]["detail"] == "5 actions, 5 examples"
     assert str(filled.path) in found["support set"]["detail"]
-    for part in ("weights", "recognition", "poses"):
+    for part in ("weights", "recognition", "poses", "hands"):
         assert found[part]["status"] == "ok"
     assert found["pose_detector.onnx"]["detail"].endswith("intact")
     assert "numpy" in invoke("doctor").stdout

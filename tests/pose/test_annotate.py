@@ -10,7 +10,7 @@ from actioncli.errors import ClipError
 from actioncli.pose.annotate import annotate_video, bones
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.poses import Poses
-from actioncli.pose.sides import JOINT_NAMES
+from actioncli.pose.sides import ALL_NAMES
 from actioncli.pose.video import Progress
 from tests.forking import files_up_to
 
@@ -27,8 +27,9 @@ def standing(frames: int) -> Poses:
 
 
 def test_bones_join_each_side() -> None:
-    joined = {(JOINT_NAMES[a], JOINT_NAMES[b]) for a, b, _ in bones()}
+    joined = {(ALL_NAMES[a], ALL_NAMES[b]) for a, b, _ in bones()}
     assert {("lsho", "rsho"), ("lhip", "lkne"), ("rhip", "rkne"), ("relb", "rwri")} <= joined
+    assert {("lhand0", "lhand5"), ("rhand19", "rhand20")} <= joined
     assert all(
         a[0] == b[0] for a, b in joined - {("lsho", "rsho"), ("lhip", "rhip")} if a != "nose"
     )
@@ -41,6 +42,25 @@ def test_every_frame_with_a_skeleton(tmp_path: Path) -> None:
     assert len(images) == 12
     assert all(np.ptp(image[30:]) > 100 for image in images)  # the skeleton
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.mp4", "out.mp4"]
+
+
+def test_fingers_of_a_hand_that_was_seen(tmp_path: Path) -> None:
+    """Both hands' fingers lie below the skeleton; only the left hand was seen, and in half."""
+    video = write_video(tmp_path / "in.mp4", [np.full((64, 96, 3), 90, np.uint8)] * 12)
+    body = standing(12)
+    points = np.tile(np.linspace((10, 62), (80, 62), 42), (12, 1, 1)).astype(np.float32)
+    visible = np.zeros((12, 42), np.float32)
+    visible[:6, :21] = 0.9
+    poses = replace(
+        body,
+        points=np.concatenate([body.points.clip(max=40), points], axis=1),
+        visibility=np.concatenate([body.visibility, visible], axis=1),
+        world=np.zeros((12, 75, 3), np.float32),
+    )
+    annotate_video(video, tmp_path / "out.mp4", poses, ["wave"])
+    below = [frame.image[60:] for frame in VideoFile(tmp_path / "out.mp4").frames()]
+    drawn = [(np.ptp(image[:, 12:40]) > 60, np.ptp(image[:, 55:]) > 60) for image in below]
+    assert drawn == [(True, False)] * 6 + [(False, False)] * 6
 
 
 def test_frames_that_last_longer_do_so_in_the_copy(tmp_path: Path) -> None:

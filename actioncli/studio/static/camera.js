@@ -211,9 +211,9 @@ export class Camera {
     canvas.height = this.video.videoHeight;
     if (!points || !this.bones) return;
     const style = getComputedStyle(canvas);
-    g.lineWidth = canvas.width / 120;
     g.lineCap = "round";
-    for (const [a, b, side] of this.bones) {
+    for (const [a, b, side, share] of this.bones) {
+      g.lineWidth = share * canvas.width / 120;
       g.globalAlpha = Math.min(points[a][2], points[b][2]) > 0.5 ? 1 : 0.25;
       g.strokeStyle = style.getPropertyValue(`--film-${side}`);
       g.beginPath();
