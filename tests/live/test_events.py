@@ -173,11 +173,17 @@ def at(*places: float) -> FloatArray:
     return np.array(places, np.float32).reshape(-1, 1, 1)
 
 
+def enrolled(
+    support: dict[str, FloatArray], tau: float, seconds: float, *negatives: float
+) -> SupportSet:
+    durations = dict.fromkeys(support, seconds)
+    return SupportSet(LINE, support, at(*negatives), durations, Threshold(tau, ""))
+
+
 def detector_of(
     support: dict[str, FloatArray], tau: float, seconds: float, *negatives: float
 ) -> EventDetector:
-    durations = dict.fromkeys(support, seconds)
-    return EventDetector(SupportSet(LINE, support, at(*negatives), durations, Threshold(tau, "")))
+    return EventDetector(enrolled(support, tau, seconds, *negatives))
 
 
 def spot(actions: dict[str, float], *negatives: float, clip: Clip) -> tuple[Candidate, ...]:
@@ -229,6 +235,25 @@ def test_nobody_to_be_seen_is_nothing_to_be_found() -> None:
     assert [detector.update(None, 10.5 + look) for look in range(2)] == [[], []]
     assert detector.ranking == ()
     assert detector.update(None, 13.0) != []
+
+
+def test_what_is_enrolled_meanwhile_is_followed() -> None:
+    bow, squat = {"bow": at(9.0)}, {"squat": at(9.0)}
+    for later, goes_on in ((bow, True), ({**bow, **squat}, True), (squat, False), ({}, False)):
+        detector = detector_of(bow, 0.1, 2.0)
+        detector.update(until(10), 10.0)
+        detector.follow(enrolled(later, 0.1, 2.0))
+        # The first of two looks that begin an event counts where its action is still there.
+        detector.update(until(10.25) if later else None, 10.25)
+        assert (detector.current is not None) is goes_on
+        if goes_on:
+            detector.follow(enrolled(later, 0.1, 4.0))
+            assert detector.current is not None
+            assert detector.windows[-1] == pytest.approx(2 * LENGTHS[2])
+            detector.follow(enrolled({}, 0.1, 2.0))
+            assert detector.current is None
+            assert detector.windows[-1] == pytest.approx(2 * LENGTHS[2])
+            assert detector.finish() == []
 
 
 def test_the_stream_is_kept_for_eight_seconds() -> None:
