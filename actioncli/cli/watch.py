@@ -131,12 +131,11 @@ def watch(
         if not settings.quiet:
             view.note(f"note: {name}: {line}")
 
-    recognizer = Recognizer(weights)
-    store = settings.open_store()
-    support = load_support(settings, store, recognizer, tau)
-    follow = _Following(FollowedSupport(store, recognizer, tau), reactions, tell)
-    recorder = Recorder(record, support.threshold, name) if record is not None else None
     try:
+        recognizer, store = Recognizer(weights), settings.open_store()
+        support = load_support(settings, store, recognizer, tau)
+        follow = _Following(FollowedSupport(store, recognizer, tau), reactions, tell)
+        recorder = Recorder(record, support.threshold, name) if record is not None else None
         with view:
             for event in events_of(
                 source,
