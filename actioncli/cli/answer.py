@@ -22,6 +22,7 @@ from actioncli.cli.output import (
 
 if TYPE_CHECKING:
     from actioncli.cli.command import Settings
+    from actioncli.live.events import Event
     from actioncli.recognition.decision import Decision
 
 # Cells of the bar that shows how sure a decision is.
@@ -78,6 +79,15 @@ def line_of(decision: Decision, name: str, width: int) -> str:
     elif not yes:
         said.append(f"(nearest {printable(decision.nearest)})")
     return "  ".join(said)
+
+
+def event_line(event: Event) -> str:
+    """`   2.1 s  to    4.2 s  wave x2  (confidence 0.84)`."""
+    often = f" x{event.repetitions}" if event.repetitions > 1 else ""
+    return (
+        f"{event.start:8.1f} s  to {event.end:8.1f} s  {printable(event.label)}{often}  "
+        f"(confidence {event.confidence:.2f})"
+    )
 
 
 def is_close(decision: Decision) -> bool:

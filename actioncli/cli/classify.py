@@ -9,13 +9,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from actioncli.archives.processes import cores, in_processes
-from actioncli.cli.answer import is_close, line_of, notes_of, short_names, verdict_width
+from actioncli.cli.answer import event_line, is_close, line_of, notes_of, short_names, verdict_width
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_output, load_support
 from actioncli.cli.options import (
@@ -29,10 +30,11 @@ from actioncli.cli.output import printable, progress, say, steps, table, write_j
 from actioncli.cli.reading import read_shown, report_bad_clip, sharing
 from actioncli.cli.video import check_annotation, read_annotated, write_annotation
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose.read import ReadOptions, find_any, is_video
+from actioncli.pose.read import ReadOptions, find_any, is_video, read_any
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
+    from actioncli.live.events import Event
     from actioncli.recognition.decision import Decision
     from actioncli.recognition.support import SupportSet
 
@@ -87,7 +89,8 @@ def classify(
     still classified.
 
     In a clip that lasts 1.5 times as long as the enrolled ones or longer, windows of about their
-    length compete with the whole; the part that shows an action best is told.
+    length compete with the whole; the part that shows an action best is told, and below it all
+    that is done in the clip, as `watch` would tell it.
 
     \b
     Examples:
@@ -101,14 +104,16 @@ def classify(
     JSON keys:
       tau, actions, weights, clips, accepted, rejected, failed
       clips[]: source, label, accepted, confidence, tau, nearest, nearest_negative, ranking
-      clips[]: part, ms, notes, error
+      clips[]: part, parts, ms, notes, error
       clips[].part: start, end
+      clips[].parts[]: label, start, end, confidence, repetitions
       clips[].ranking[]: label, distance, probability, confidence
       clips[].error: type, message, exit_code
     """
     # Many files are shared by processes, which threads of their own would only disturb, and single
     # matrices are small. Read when numpy is imported.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    from actioncli.live.events import sets_of
     from actioncli.recognition.recognizer import Recognizer
 
     paths = find_any(clips)
@@ -142,7 +147,7 @@ def classify(
     names, width = short_names(paths), verdict_width(support.actions)
     with notes_of(settings, names) as add_notes:
         decided = _decided(settings, paths, options, read, support)
-        for path, decision, milliseconds in decided:
+        for path, decision, events, milliseconds in decided:
             if isinstance(decision, ClipError):
                 failed += 1
                 entries.append(report_bad_clip(path, decision))
@@ -150,10 +155,14 @@ def classify(
             rejected += not decision.accepted
             if settings.json:
                 ranked = decision.to_json(_RANKED if top is None else top)
-                entries.append({"source": str(path), **ranked, "ms": milliseconds})
+                parts = [event.to_json() for event in events]
+                told = {"parts": parts, "ms": milliseconds}
+                entries.append({"source": str(path), **ranked, **told})
             else:
                 say(line_of(decision, names[path], width))
                 if not settings.quiet:
+                    for event in sets_of(events):
+                        say(f"    {event_line(event)}")
                     close = _RANKED if is_close(decision) else 0
                     _print_ranking(decision, close if top is None else top)
                     if len(paths) == 1 and not decision.accepted:
@@ -182,12 +191,15 @@ def _decided(
     options: ReadOptions,
     read: Callable[[Path, ReadOptions, bool], Clip],
     support: SupportSet,
-) -> Iterator[tuple[Path, Decision | ClipError, float]]:
+) -> Iterator[tuple[Path, Decision | ClipError, list[Event], float]]:
     """Read and decide, many files of joints at a time, in as many processes as there are cores.
 
     Returns:
-        Path, decision or what is wrong, and its share of the time, milliseconds.
+        Path, decision or what is wrong, what is done in a long clip, and its share of the time,
+        milliseconds.
     """
+    from actioncli.live.watching import events_in
+
     videos = any(map(is_video, paths))
     processes = sharing(paths, options) if videos else cores()
     size = 1 if videos else min(_BATCH, -(-len(paths) // processes) or 1)
@@ -214,19 +226,28 @@ def _decided(
             # One of them lacks joints, and the others are not to suffer for it.
             return [decision for clip in clips for decision in decide([clip])]
 
-    def of_batch(number: int) -> tuple[list[Decision | ClipError], float]:
+    def all_in(path: Path, clip: Clip | ClipError) -> list[Event]:
+        if options.whole or isinstance(clip, ClipError):
+            return []
+        # Of a video, a clip is the part that shows one repetition; its poses are kept.
+        if is_video(path) and options.cache and options.metrabs is None:
+            clip = read_any(path, replace(options, start=0.0))
+        return events_in(clip, support)
+
+    def of_batch(number: int) -> tuple[list[Decision | ClipError], list[list[Event]], float]:
         begun = time.perf_counter()
         clips = [clip_of(path) for path in batches[number]]
         decisions = iter(decide([clip for clip in clips if not isinstance(clip, ClipError)]))
         outcomes = [clip if isinstance(clip, ClipError) else next(decisions) for clip in clips]
-        return outcomes, (time.perf_counter() - begun) * 1e3 / len(outcomes)
+        events = [*map(all_in, batches[number], clips)]
+        return outcomes, events, (time.perf_counter() - begun) * 1e3 / len(outcomes)
 
     results = in_processes(of_batch, len(batches), processes, pinned=videos)
     with closing(results):
         for number in progress(range(len(batches)), "Classifying", shown=shown and not one_by_one):
-            outcomes, milliseconds = next(results)
-            for path, outcome in zip(batches[number], outcomes, strict=True):
-                yield path, outcome, milliseconds
+            outcomes, events, milliseconds = next(results)
+            for path, outcome, told in zip(batches[number], outcomes, events, strict=True):
+                yield path, outcome, told, milliseconds
 
 
 def _explain(

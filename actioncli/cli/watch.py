@@ -13,13 +13,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from actioncli.cli.answer import event_line
 from actioncli.cli.command import Settings, command
-from actioncli.cli.common import load_support
-from actioncli.cli.options import HandsOption, QualityOption, TauOption, WeightsOption
+from actioncli.cli.common import check_output, load_support
+from actioncli.cli.options import (
+    ForceOption,
+    HandsOption,
+    QualityOption,
+    TauOption,
+    WeightsOption,
+)
 from actioncli.cli.output import OutputError, note, printable, say
+from actioncli.cli.video import check_annotation, video_progress
 from actioncli.errors import ActionCliError, UsageError
 from actioncli.files import json_text
 from actioncli.pose import RETRY_SECONDS, without_password
+from actioncli.pose.read import is_video
 
 if TYPE_CHECKING:
     from actioncli.live.events import Event, EventDetector
@@ -68,6 +77,28 @@ def watch(
     beep: Annotated[
         bool, typer.Option("--beep", help="Ring the terminal's bell at every event.")
     ] = False,
+    each: Annotated[
+        bool,
+        typer.Option(
+            "--each/--sets",
+            help="Tell each repetition of an action when it ends, or a set of them, counted, once "
+            "nothing follows.",
+        ),
+    ] = True,
+    table: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="FILE.csv", help="Write every event into a table, too."),
+    ] = None,
+    subtitles: Annotated[
+        Path | None,
+        typer.Option("--srt", metavar="FILE.srt", help="Write every event as a subtitle, too."),
+    ] = None,
+    annotate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.mp4", help="Of a video, write it with skeleton and events drawn."
+        ),
+    ] = None,
     record: Annotated[
         Path | None,
         typer.Option(
@@ -87,14 +118,16 @@ def watch(
     quality: QualityOption = None,
     hands: HandsOption = True,
     weights: WeightsOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Tell every enrolled action that somebody performs.
 
-    Windows of several lengths slide over the poses of one person; one performance is one event,
-    told when it is over. A camera's frames that come too late are dropped. A video gives the same
-    events every time, from an address too. A camera or a stream that breaks is told, and opened
-    again; where it stays away, watching ends with exit code 3. Ctrl-C ends it. With --json, every
-    event is a document on a line of its own.
+    Windows of several lengths slide over the poses of one person; every repetition is an event,
+    told when it is over, with how many it makes in a row. Many looks are many chances of a false
+    match, so confidences are lower than those of `classify` for the same clip. A camera's frames
+    that come too late are dropped. A video gives the same events every time, from an address too.
+    A camera or a stream that breaks is told, and opened again; where it stays away, watching ends
+    with exit code 3. Ctrl-C ends it. With --json, every event is a document on a line of its own.
 
     What is enrolled, removed or calibrated meanwhile counts at once.
 
@@ -110,12 +143,15 @@ def watch(
       actioncli watch 0 --exec 'notify-send moved'
       actioncli watch --beep --mqtt mqtt://192.168.1.5/home/gestures
       actioncli watch 0 --record seen
+      actioncli watch training.mp4 --sets --csv sets.csv --annotate told.mp4
 
     \b
     JSON keys:
-      label, start, end, confidence
+      label, start, end, confidence, repetitions
     """
+    from actioncli.live.film import Film
     from actioncli.live.recorder import Recorder
+    from actioncli.live.timeline import Subtitles, Table
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
     from actioncli.recognition.followed import FollowedSupport
@@ -125,11 +161,26 @@ def watch(
         raise UsageError("--retry must be a number of seconds.")
     name = without_password(source)
     view = _Screen() if sys.stderr.isatty() and not settings.quiet else _Plain()
+    inputs = [Path(source)] if is_video(source) else []
+    for file in (table, subtitles, annotate):
+        if file is not None:
+            check_output(file, inputs, force)
+    if annotate is not None:
+        check_annotation(inputs, annotate, metrabs=False)
     reactions = _reactions(view, execute, mqtt, webhook, beep)
+    reactions += [Table(table)] if table is not None else []
+    reactions += [Subtitles(subtitles)] if subtitles is not None else []
 
     def tell(line: str) -> None:
         if not settings.quiet:
             view.note(f"note: {name}: {line}")
+
+    film = Film() if annotate is not None else None
+
+    def frame(now: float, stream: Stream, detector: EventDetector) -> None:
+        view.draw(now, stream, detector)
+        if film is not None:
+            film.add(now, stream)
 
     try:
         recognizer, store = Recognizer(weights), settings.open_store()
@@ -140,16 +191,23 @@ def watch(
             for event in events_of(
                 source,
                 follow,
+                each=each,
                 quality=quality or DEFAULT_QUALITY,
                 retry=retry,
                 hands=hands,
                 recorder=recorder,
-                on_frame=view.draw,
+                on_frame=frame,
                 note=tell,
             ):
                 view.say(_line(settings, event))
+                if film is not None:
+                    film.events.append(event)
                 for react in reactions:
                     react(event)
+        if film is not None and annotate is not None:
+            with video_progress(annotate, shown=not settings.quiet) as progress:
+                film.write(inputs[0], annotate, progress)
+            settings.tell(f"drawn in {printable(annotate)}")
     finally:
         for react in reactions:
             react.close()
@@ -216,12 +274,7 @@ def _reactions(
 
 
 def _line(settings: Settings, event: Event) -> str:
-    if settings.json:
-        return json_text(event.to_json(), indent=None)
-    return (
-        f"{event.start:8.1f} s  to {event.end:8.1f} s  {printable(event.label)}  "
-        f"(confidence {event.confidence:.2f})"
-    )
+    return json_text(event.to_json(), indent=None) if settings.json else event_line(event)
 
 
 class _Plain:

@@ -243,3 +243,10 @@ class Sets:
         """The set that the end of the stream cuts off, if there is one."""
         found, self._set = self._set, None
         return [] if found is None else [found]
+
+
+def sets_of(events: Sequence[Event]) -> list[Event]:
+    """The sets of a recording's events."""
+    sets = Sets()
+    over = [done for event in events for done in sets.update([event], event.end)]
+    return over + sets.finish()

@@ -94,7 +94,11 @@ class PoseStream:
 
 
 class VideoStream:
-    """A camera, an address or a file, with the person in it; see `watching.Stream`."""
+    """A camera, an address or a file, with the person in it; see `watching.Stream`.
+
+    Attributes:
+        poses: the person, in the last seconds.
+    """
 
     seen = False
 
@@ -114,7 +118,7 @@ class VideoStream:
             UsageError: it is no kind of source.
         """
         self._source = open_source(source, retry, note)
-        self._poses, self._begun = PoseStream(quality, seconds, hands), time.monotonic()
+        self.poses, self._begun = PoseStream(quality, seconds, hands), time.monotonic()
 
     def times(self) -> Iterator[float]:
         """As frames come."""
@@ -122,19 +126,19 @@ class VideoStream:
         frames = source.frames() if isinstance(source, LiveSource) else file_frames(source)
         for frame in frames:
             if isinstance(frame, Frame):
-                self._poses.add(frame)
+                self.poses.add(frame)
             else:
-                self._poses.lose()
-            self.seen = self._poses.body is not None
+                self.poses.lose()
+            self.seen = self.poses.body is not None
             yield frame.time if isinstance(frame, Frame) else frame
 
     def clip(self) -> Clip | None:
         """The last seconds."""
-        return self._poses.clip()
+        return self.poses.clip()
 
     def remember(self, seconds: float) -> None:
         """Keep so many seconds from now on, at least."""
-        self._poses.remember(seconds)
+        self.poses.remember(seconds)
 
     def state(self, now: float) -> str:
         """The time left in a file, or the frames that a camera dropped."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.edit import cut
@@ -13,6 +16,7 @@ from actioncli.errors import ClipError
 from actioncli.live.events import STRIDE, Event, EventDetector, Sets
 from actioncli.pose import RETRY_SECONDS
 from actioncli.recognition.support import SupportSet
+from actioncli.recognition.windows import LONG
 
 if TYPE_CHECKING:
     from actioncli.live.recorder import Recorder
@@ -148,6 +152,16 @@ def watch(
             recorder.finish(over)
     if lost is not None:
         raise lost
+
+
+def events_in(clip: Clip, support: SupportSet) -> list[Event]:
+    """All that is done in a clip that is much longer than the enrolled ones; nothing in another.
+
+    Raises:
+        SupportError: no action is enrolled.
+    """
+    usual = float(np.median([*support.durations.values()])) if support.durations else math.inf
+    return list(watch(clip, support)) if clip.duration > LONG * usual else []
 
 
 def _ending(stream: Stream, frames: int, seen: int, now: float, shortest: float) -> Iterator[str]:

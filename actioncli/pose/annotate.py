@@ -51,13 +51,14 @@ def annotate_video(
     video: Path,
     output: Path,
     poses: Poses,
-    lines: Sequence[str],
+    lines: Callable[[float], Sequence[str]],
     progress: Callable[[Progress], None] | None = None,
 ) -> int:
     """Write an MP4 of the looked-at part of a video with the followed person's skeleton.
 
     Args:
-        lines: text for the upper left corner. Letters that the font lacks become `?`.
+        lines: text for the upper left corner at a time of the video. Letters that the font lacks
+            become `?`.
         progress: called now and then while frames are drawn.
 
     Returns:
@@ -84,7 +85,7 @@ def annotate_video(
                     progress(Progress(looked, frame.time - start, end - start))
                 image = frame.image.copy()
                 _draw(image, poses, frame.time)
-                _write(image, lines)
+                _write(image, lines(frame.time))
                 # The file's frame rate is constant: a frame stays until the next one's time.
                 while count <= round((frame.time - start) * source.fps):
                     write(image)
@@ -119,6 +120,8 @@ def _write(image: Image, lines: Sequence[str]) -> None:
     step = round(34 * scale)
     font = cv2.FONT_HERSHEY_SIMPLEX
     texts = [line.encode("ascii", "replace").decode("ascii") for line in lines]
+    if not texts:
+        return
     width = max(cv2.getTextSize(text, font, scale, 1)[0][0] for text in texts)
     cv2.rectangle(image, (0, 0), (width + step, step * len(texts) + step // 2), (0, 0, 0), -1)
     for n, text in enumerate(texts):

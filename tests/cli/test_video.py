@@ -128,12 +128,23 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
     first = invoke("watch", waving, "--json", "--tau", 0, "--exec", command)
     assert first.exit_code == 0, first.stderr
     events = [json.loads(line) for line in first.stdout.splitlines()]
-    assert [event["label"] for event in events] == ["wave"]
-    assert set(events[0]) == {"label", "start", "end", "confidence"}
-    assert told.read_text() == f"wave {events[0]['confidence']:.3f}\n"
+    assert {event["label"] for event in events} == {"wave"}
+    assert [event["repetitions"] for event in events] == [*range(1, len(events) + 1)]
+    assert set(events[0]) == {"label", "start", "end", "confidence", "repetitions"}
+    assert told.read_text().splitlines() == [f"wave {one['confidence']:.3f}" for one in events]
     assert invoke("watch", waving, "--json", "--tau", 0).stdout == first.stdout
     assert invoke("watch", waving, "--tau", 1).stdout == ""
-    assert "wave  (confidence" in invoke("watch", waving, "--tau", 0).stdout
+    files = [tmp_path / f"told.{kind}" for kind in ("csv", "srt", "mp4")]
+    words = [word for file in files for word in (f"--{file.suffix[1:]}", file)]
+    words[4] = "--annotate"
+    done = invoke("watch", waving, "--tau", 0, "--sets", *words)
+    assert f"wave x{len(events)}  (confidence" in done.stdout if len(events) > 1 else done.stdout
+    assert len(files[0].read_text().splitlines()) == 2
+    assert "-->" in files[1].read_text()
+    assert files[2].stat().st_size > 1000
+    again = invoke("watch", waving, "--csv", files[0])
+    assert (again.exit_code, files[0].read_text().count("\n")) == (2, 2)
+    assert "--force" in again.stderr
 
 
 def test_watch_sends_what_it_tells(

@@ -37,7 +37,7 @@ def test_bones_join_each_side() -> None:
 
 def test_every_frame_with_a_skeleton(tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", [np.full((64, 96, 3), 90, np.uint8)] * 12)
-    assert annotate_video(video, tmp_path / "out.mp4", standing(12), ["wave"]) == 12
+    assert annotate_video(video, tmp_path / "out.mp4", standing(12), lambda _: ["wave"]) == 12
     images = [frame.image for frame in VideoFile(tmp_path / "out.mp4").frames()]
     assert len(images) == 12
     assert all(np.ptp(image[30:]) > 100 for image in images)  # the skeleton
@@ -57,7 +57,7 @@ def test_fingers_of_a_hand_that_was_seen(tmp_path: Path) -> None:
         visibility=np.concatenate([body.visibility, visible], axis=1),
         world=np.zeros((12, 75, 3), np.float32),
     )
-    annotate_video(video, tmp_path / "out.mp4", poses, ["wave"])
+    annotate_video(video, tmp_path / "out.mp4", poses, lambda _: ["wave"])
     below = [frame.image[60:] for frame in VideoFile(tmp_path / "out.mp4").frames()]
     drawn = [(np.ptp(image[:, 12:40]) > 60, np.ptp(image[:, 55:]) > 60) for image in below]
     assert drawn == [(True, False)] * 6 + [(False, False)] * 6
@@ -67,7 +67,7 @@ def test_frames_that_last_longer_do_so_in_the_copy(tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", numbered(12), 25)
     slow_down_second_half(video, 3)
     told: list[Progress] = []
-    annotate_video(video, tmp_path / "out.mp4", standing(24), ["wave"], told.append)
+    annotate_video(video, tmp_path / "out.mp4", standing(24), lambda _: ["wave"], told.append)
     frames = list(VideoFile(tmp_path / "out.mp4").frames())
     assert frames[-1].time == pytest.approx(0.84, abs=0.09)  # as in the original
     assert [step.frames for step in told] == list(range(1, 13))
@@ -77,7 +77,7 @@ def test_frames_that_last_longer_do_so_in_the_copy(tmp_path: Path) -> None:
 def test_only_the_part_that_was_looked_at(tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", numbered(30))
     poses = standing(30).between(0.4, 0.8)
-    assert annotate_video(video, tmp_path / "out.mp4", poses, ["größer"]) == 11
+    assert annotate_video(video, tmp_path / "out.mp4", poses, lambda _: ["größer"]) == 11
 
 
 def test_nobody_no_skeleton(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_nobody_no_skeleton(tmp_path: Path) -> None:
     short = Poses(
         seen.times[:5], seen.world[:5], seen.visibility[:5], seen.points[:5], seen.frames, (96, 64)
     )
-    annotate_video(video, tmp_path / "out.mp4", short, ["a"])
+    annotate_video(video, tmp_path / "out.mp4", short, lambda _: ["a"])
     last = [frame.image for frame in VideoFile(tmp_path / "out.mp4").frames()][-1]
     assert np.ptp(last[40:]) < 40
 
@@ -94,14 +94,14 @@ def test_nobody_no_skeleton(tmp_path: Path) -> None:
 def test_no_folder(tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", numbered(3))
     with pytest.raises(ClipError, match="cannot be written"):
-        annotate_video(video, tmp_path / "no" / "out.mp4", standing(3), ["a"])
+        annotate_video(video, tmp_path / "no" / "out.mp4", standing(3), lambda _: ["a"])
 
 
 def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", numbered(12))
     (tmp_path / "out.mp4").write_text("mine")
     with files_up_to(1000), pytest.raises(ClipError, match=r"cannot be written: .* full disk"):
-        annotate_video(video, tmp_path / "out.mp4", standing(12), ["a"])
+        annotate_video(video, tmp_path / "out.mp4", standing(12), lambda _: ["a"])
     assert (tmp_path / "out.mp4").read_text() == "mine"
     assert len(list(tmp_path.iterdir())) == 2
 
@@ -111,4 +111,4 @@ def test_frames_of_years_fill_no_disk(tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", numbered(12))
     poses = replace(standing(12), frames=np.geomspace(1, 1e6, 12))
     with pytest.raises(ClipError, match=r"has 12 frames in 999,999 s.* narrow the time down"):
-        annotate_video(video, tmp_path / "out.mp4", poses, ["a"])
+        annotate_video(video, tmp_path / "out.mp4", poses, lambda _: ["a"])
