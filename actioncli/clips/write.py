@@ -70,7 +70,7 @@ def _write_json(stream: IO[bytes], clip: Clip) -> None:
         "unit": "m",
         "up": "y",
         "joints": [
-            [None if np.isnan(joint[0]) else joint.tolist() for joint in frame]
+            [[None] * 3 if np.isnan(joint[0]) else joint.tolist() for joint in frame]
             for frame in np.round(clip.joints.astype(float), 5)
         ],
     }

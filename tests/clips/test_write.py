@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.read import read_clip
-from actioncli.clips.skeleton import DEFAULT_JOINTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS, HAND_JOINTS
 from actioncli.clips.write import WRITERS, write_clip
 from actioncli.errors import ClipError, UsageError
 
@@ -38,6 +38,20 @@ def test_reads_back(tmp_path: Path, clip: Clip, kind: str) -> None:
         assert read_clip(tmp_path / f"wave.{kind}").notes == ()
     if kind == "npz":
         np.testing.assert_array_equal(back.joints, clip.joints)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_hand_that_was_mostly_missing_reads_back(tmp_path: Path, clip: Clip, kind: str) -> None:
+    hands = np.random.default_rng(0).normal(size=(20, 42, 3))
+    hands[:15, :21] = np.nan
+    hands[:, 21:] = np.nan
+    names = (*DEFAULT_JOINTS, *HAND_JOINTS)
+    seen = Clip(np.concatenate([clip.joints, hands], axis=1), names, 15.0)
+    write_clip(tmp_path / f"wave.{kind}", seen)
+    back = read_clip(tmp_path / f"wave.{kind}", up="y")
+    assert back.joint_names == names[:-21]
+    np.testing.assert_allclose(back.joints, seen.joints[:, :-21], atol=1e-5)
+    assert any(note.endswith("and 15 more") for note in back.notes)
 
 
 @given(st.floats(1, 240))

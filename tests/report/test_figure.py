@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from actioncli import Clip
-from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS
+from actioncli.clips.skeleton import DEFAULT_JOINTS, HAND_JOINTS, LAYOUTS
 from actioncli.report.figure import figure, project
 
 # A body that stands and faces the sensor (metres): its left side at smaller x.
@@ -88,6 +88,24 @@ def test_guessed_joints_are_told() -> None:
     confidence[3, DEFAULT_JOINTS.index("lwri")] = 0.1
     found = figure(Clip(standing(), DEFAULT_JOINTS, confidence=confidence))
     assert np.argwhere(~found.sure).tolist() == [[3, found.names.index("lwri")]]
+
+
+def test_a_hand_lies_in_the_wrist_until_it_is_seen() -> None:
+    body, hand = standing(), np.random.default_rng(0).normal(size=(5, 42, 3))
+    hand[:3, :21] = np.nan
+    hand[:, 21:] = np.nan
+    found = figure(Clip(np.concatenate([body, hand], axis=1), (*DEFAULT_JOINTS, *HAND_JOINTS)))
+    fingers = [found.names.index(name) for name in HAND_JOINTS[:21]]
+    wrist = found.points[:, found.names.index("lwri")]
+    away = np.linalg.norm(found.points[:, fingers] - wrist[:, None], axis=2).max(axis=1)
+    assert (away[:3] == 0).all()
+    assert (away[3:] > 0.5).all()
+    assert "rhand5" not in found.names
+    thin = [bone for bone in found.bones if found.stroke(bone) < 1]
+    assert len(thin) == 20
+    assert {side for _, _, side in thin} == {"left"}
+    assert (fingers[7], fingers[8], "left") in thin
+    assert found.sure[:, fingers].all()
 
 
 def test_joints_of_no_known_body_are_points() -> None:
