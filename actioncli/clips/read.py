@@ -20,7 +20,13 @@ from actioncli.clips.checks import not_places
 from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
 from actioncli.clips.gaps import fill_gaps, filled
 from actioncli.clips.persons import most_active
-from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.clips.recording import (
+    LARGEST_CLIP,
+    LONGEST_CLIP,
+    MOST_JOINTS,
+    MOST_PEOPLE,
+    Recording,
+)
 from actioncli.clips.skeleton import LAYOUTS, default_columns
 from actioncli.errors import AmbiguousClipError, ClipError, UsageError
 
@@ -193,13 +199,15 @@ def _read(file: Path) -> Recording:
 
 def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
     """From what the file holds to a clip, in the order in which one decision needs another."""
-    frames, _, joints, _ = recording.positions.shape
+    frames, people, joints, _ = recording.positions.shape
     if recording.positions.size > LARGEST_CLIP or frames > LONGEST_CLIP or joints > MOST_JOINTS:
         raise ClipError(
             f"{where}: {frames} frames of {joints} joints are more than the {LONGEST_CLIP} "
             f"frames, {MOST_JOINTS} joints or {LARGEST_CLIP} coordinates that a clip may have; "
             "cut out the action."
         )
+    if people > MOST_PEOPLE:
+        raise ClipError(f"{where}: {people} people in a frame; at most {MOST_PEOPLE} are followed.")
     if frames < 2:
         raise ClipError(f"{where}: a clip needs at least 2 frames, this has {frames}.")
     names, notes = _joint_names(recording, where)

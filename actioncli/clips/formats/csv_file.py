@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
+from actioncli.clips.formats.fields import as_confidence
 from actioncli.clips.formats.files import Numbers, frame_rate, parsed, text_lines
-from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, MOST_PEOPLE, Recording
 from actioncli.errors import ClipError
 
 _SEP = r"[\s_.:\-/|]*"
@@ -34,7 +35,6 @@ _JOINT = re.compile(r"(?i)(?:joint|landmark|marker|keypoint|body[\s_]*part|bone)
 _FRAME = re.compile(r"(?i)(?:frame|index)(?:[\s_]*(?:number|nr|no|id|index))?|#?frame")
 _COUNTED = re.compile(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*\d+")
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_MOST_PEOPLE = 64
 
 
 class _Columns:
@@ -119,13 +119,16 @@ def read(file: Path) -> Recording:
     split, times = _by_person(table, people, times, file)
     frames, count = split.shape[:2]
     positions = split[:, :, : len(picked)].reshape(frames, count, -1, 3)
-    confidence = split[:, :, len(picked) :]
+    confidence, notes = None, tuple[str, ...]()
+    if len(wanted) > len(picked):
+        confidence, notes = as_confidence(split[:, :, len(picked) :], positions)
     return Recording(
         positions,
         joint_names=columns.names,
         fps=_rate(times, columns.time_unit),
         unit=columns.unit,
-        confidence=np.clip(np.nan_to_num(confidence), 0, 1) if confidence.size else None,
+        confidence=confidence,
+        notes=notes,
     )
 
 
@@ -200,8 +203,8 @@ def _by_person(
     column = {person: at for at, person in enumerate(dict.fromkeys(people))}
     if len(column) < 2:
         return table[:, None], times
-    if len(column) > _MOST_PEOPLE:
-        raise ClipError(f"{file}: names {len(column)} people; at most {_MOST_PEOPLE} are read.")
+    if len(column) > MOST_PEOPLE:
+        raise ClipError(f"{file}: names {len(column)} people; at most {MOST_PEOPLE} are read.")
     frame = 0
     here: set[str] = set()
     frames = []

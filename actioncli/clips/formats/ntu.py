@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.formats.files import Numbers, text_lines
-from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, Recording
+from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_PEOPLE, Recording
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError
 
@@ -26,7 +26,6 @@ _FPS = 30.0
 _COLUMNS = 12
 # The sensor tracks 6 bodies at once; over a recording each of them may get new numbers.
 _MOST_BODIES = 6
-_MOST_NUMBERS = 64
 # A body that appears within this time (frames) and distance (metres) of where another was lost
 # is the same person under a new number.
 _LOST_FRAMES = 15
@@ -64,7 +63,7 @@ def read(file: Path) -> Recording:
         notes += (f"{frames - (last - first + 1)} frames without a body at the ends dropped",)
         owners = [(frame - first, number) for frame, number in owners]
         frames = last - first + 1
-    if len(numbers) > _MOST_NUMBERS or frames * len(numbers) * _JOINTS * 3 > LARGEST_CLIP:
+    if len(numbers) > MOST_PEOPLE or frames * len(numbers) * _JOINTS * 3 > LARGEST_CLIP:
         raise ClipError(
             f"{file}: {len(numbers)} bodies over {frames} frames are more than a clip may have."
         )
