@@ -52,6 +52,9 @@ def enroll(
             "becomes an example beside it.",
         ),
     ] = False,
+    keep_tau: Annotated[
+        bool, typer.Option("--keep-tau", help="Leave the threshold as it is.")
+    ] = False,
     note: Annotated[str, typer.Option(metavar="TEXT", help="Kept with the examples.")] = "",
     weights: WeightsOption = None,
     options: ClipReading,
@@ -79,6 +82,9 @@ def enroll(
     With --negative, no label is given, and the clips are kept as `negatives`: what is nearer to
     one of them than to every action is rejected.
 
+    From the second example of an action on, or where motions that are none of the actions are
+    accepted, the threshold is chosen anew, 0.5 or above, and told; one that you set stays.
+
     \b
     Examples:
       actioncli enroll wave wave.mp4
@@ -90,7 +96,7 @@ def enroll(
 
     \b
     JSON keys:
-      label, negative, weights, clips, added, known, failed
+      label, negative, weights, clips, threshold, added, known, failed
       clips[]: source, example, added, frames, seconds, notes, warnings, error
       clips[].error: type, message, exit_code
     """
@@ -123,7 +129,9 @@ def enroll(
     outcomes = list(usable(given, recognizer, examples=not negative))
     clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
     with settings.open_store() as store:
-        enrolled = enrol(store, recognizer, label, clips_read, note, negative, either_side)
+        enrolled = enrol(
+            store, recognizer, label, clips_read, note, negative, either_side, keep_tau
+        )
 
     entries: list[dict[str, object]] = []
     remaining = iter(enrolled)
@@ -146,11 +154,15 @@ def enroll(
     images = list(remaining)
     if images:
         settings.tell(f"{plural(len(images), 'mirror image')} kept beside the clips")
+    threshold = "".join(one.threshold for one in enrolled)
+    if threshold:
+        way_out = " (--keep-tau leaves it)" if threshold.startswith("tau is") else ""
+        settings.tell(f"note: {printable(threshold)}{way_out}")
     failed = len(outcomes) - len(clips_read)
     if settings.json:
         added = sum(one.added for one in enrolled[: len(clips_read)])
         counts = {"added": added, "known": len(clips_read) - added, "failed": failed}
-        used = {"weights": recognizer and recognizer.weights.checksum}
+        used = {"weights": recognizer and recognizer.weights.checksum, "threshold": threshold}
         write_json({"label": label, "negative": negative, **used, "clips": entries, **counts})
     if failed:
         raise typer.Exit(ClipError.exit_code)

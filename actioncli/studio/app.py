@@ -154,7 +154,8 @@ class Studio:
         clip = self.uploads.get(number).clip()
         enrolled = await asyncio.to_thread(self.support.enroll, label, clip, negative)
         self.uploads.discard(number)
-        return AsciiJson({"label": enrolled.label, **enrolled.to_json()})
+        told = {"warnings": list(enrolled.told)}
+        return AsciiJson({"label": enrolled.label, **enrolled.to_json(), **told})
 
     def measured(self, request: Request) -> Response:
         """False accepts and rejects over tau."""

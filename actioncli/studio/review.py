@@ -86,7 +86,7 @@ class Review:
         if decision != "delete":
             clip = one_repetition(kept.clip())
             enrolled = self.support.enroll(label, clip, decision == "negative", kept.origin)
-            warnings = [*clip.notes, *enrolled.warnings]
+            warnings = [*clip.notes, *enrolled.told]
         kept.forget()
         self.done[decision] += 1
         return warnings
