@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from actioncli.calibration.automatic import settle
+from actioncli.clips.active import repetition_notes
 from actioncli.clips.checks import require_usable
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import mirrored
@@ -111,7 +112,10 @@ def enrol(
         own = [*support.actions.get(label, ()), *embeddings[:given]]
         asked = embeddings[:given]
         warnings[:given] = [tuple(_warnings(support, label, own, clip)) for clip in asked]
-    warnings = [about + view_notes(clip) for about, clip in zip(warnings, clips, strict=True)]
+    warnings = [
+        about + view_notes(clip) + repetition_notes(clip)
+        for about, clip in zip(warnings, clips, strict=True)
+    ]
     try:
         missing = support.recomputed if support is not None else None
         labelled = [(label, clip) for clip in clips]

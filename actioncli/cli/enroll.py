@@ -76,8 +76,8 @@ def enroll(
     its action, or like another action, is added with a warning.
 
     Of a video, the part in which the person moves is taken, unless --start or --end say
-    otherwise. With --camera, a clip is recorded after a countdown, and refused if the body is
-    not in view.
+    otherwise. Of several repetitions one is taken, also of a file. With --camera, a clip is
+    recorded after a countdown, and refused if the body is not in view.
 
     With --negative, no label is given, and the clips are kept as `negatives`: what is nearer to
     one of them than to every action is rejected.
@@ -101,6 +101,7 @@ def enroll(
       clips[].error: type, message, exit_code
     """
     from actioncli.calibration.enrolment import enrol
+    from actioncli.clips.active import one_repetition
     from actioncli.recognition.recognizer import Recognizer
     from actioncli.store.names import check_label
 
@@ -126,6 +127,11 @@ def enroll(
         settings.tell(f"warning: the clips are not checked: {printable(error)}")
     # A clip that the model cannot use would fail every later classification.
     given = _given(settings, paths or [], options, camera, seconds)
+    if camera is None and not options.whole:
+        given = (
+            (path, clip if isinstance(clip, ClipError) else one_repetition(clip))
+            for path, clip in given
+        )
     outcomes = list(usable(given, recognizer, examples=not negative))
     clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
     with settings.open_store() as store:

@@ -12,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 
+from actioncli.clips.active import one_repetition
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.pose.read import ReadOptions
@@ -151,7 +152,8 @@ class Studio:
         negative = asked.get("negative") is True
         label = "" if negative else _text(asked, "label")
         number = request.path_params["id"]
-        clip = self.uploads.get(number).clip()
+        upload = self.uploads.get(number)
+        clip = upload.clip() if upload.whole else one_repetition(upload.clip())
         enrolled = await asyncio.to_thread(self.support.enroll, label, clip, negative)
         self.uploads.discard(number)
         told = {"warnings": list(enrolled.told)}
