@@ -34,6 +34,7 @@ _CONFIDENCE = re.compile(
 _JOINT = re.compile(r"(?i)(?:joint|landmark|marker|keypoint|body[\s_]*part|bone)(?:[\s_]*name)?")
 _FRAME = re.compile(r"(?i)(?:frame|index)(?:[\s_]*(?:number|nr|no|id|index))?|#?frame")
 _COUNTED = re.compile(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*\d+")
+_BEFORE = re.compile(r"(?i)sep=.?$|#\s|//")
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -173,15 +174,13 @@ def _read_long(
 
 def _rows(file: Path) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells; the separator is the one that the header has most of."""
-    lines = text_lines(file)
-    first = next((line for line in lines if line.strip()), "")
+    lines = ((at, line) for at, line in enumerate(text_lines(file), 1) if line.strip())
+    # Spreadsheets state the separator in a line of its own.
+    at, first = next((each for each in lines if not _BEFORE.match(each[1])), (1, ""))
     separator = max(",;\t", key=first.count)
-    decimal_comma = separator == ";"
-    yield 1, _cells(first, separator, file)
-    for at, line in enumerate(lines, 2):
-        if line.strip():
-            cells = _cells(line, separator, file)
-            yield at, [cell.replace(",", ".") for cell in cells] if decimal_comma else cells
+    yield at, _cells(first, separator, file)
+    for at, line in lines:
+        yield at, _cells(line, separator, file)
 
 
 def _cells(line: str, separator: str, file: Path) -> list[str]:

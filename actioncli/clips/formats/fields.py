@@ -73,6 +73,13 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = Tr
     )
 
 
+def in_small_letters(fields: Mapping[str, T]) -> dict[str, T]:
+    """Fields by the names that are looked for, however they are spelt."""
+    known = {*POSITIONS, *METADATA, "frames"}
+    spelt = {name: name.lower() for name in fields if name.lower() in known - fields.keys()}
+    return {spelt.get(name, name): value for name, value in fields.items()}
+
+
 def listed(names: Iterable[str]) -> str:
     """Names of fields in a file for a message, of bearable length."""
     return ", ".join(repr(name[:40]) for name in list(names)[:20]) or "nothing"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.formats.files import Numbers, text_lines
+from actioncli.clips.formats.files import Numbers, number, text_lines
 from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_PEOPLE, Recording
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError
@@ -94,9 +94,9 @@ def read(file: Path) -> Recording:
 def _body(lines: Iterator[tuple[int, str]], rows: Numbers, file: Path) -> str:
     """Read one body's joints; its tracking number is returned."""
     at, line = next(lines, (0, ""))
-    number = (line.split() or [""])[0]
+    body = (line.split() or [""])[0]
     # The reference reader takes the number as an integer; what else stands here is damage.
-    if not number.lstrip("-").isdigit():
+    if not body.lstrip("-").isdigit():
         raise ClipError(f"{file}: {_line(at)}: a body's tracking number expected.")
     joints = _count(lines, file, "joints", _JOINTS)
     if joints != _JOINTS:
@@ -105,12 +105,12 @@ def _body(lines: Iterator[tuple[int, str]], rows: Numbers, file: Path) -> str:
         at, line = next(lines, (0, ""))
         cells = line.split()
         try:
-            x, y, z = (float(cell) for cell in cells[:3])
-            state = float(cells[_COLUMNS - 1]) if len(cells) >= _COLUMNS else 2.0
+            x, y, z = map(number, cells[:3])
+            state = number(cells[_COLUMNS - 1]) if len(cells) >= _COLUMNS else 2.0
         except ValueError as error:
             raise ClipError(f"{file}: {_line(at)}: a joint's x y z expected: {error}.") from error
         rows.add((x, y, z, state))
-    return number[:20]
+    return body[:20]
 
 
 def _count(lines: Iterator[tuple[int, str]], file: Path, what: str, most: int) -> int:
