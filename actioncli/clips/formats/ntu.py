@@ -72,9 +72,9 @@ def read(file: Path) -> Recording:
     # Not by the positions, which may be no numbers: who is listed is there.
     there = np.zeros(bodies.shape[:2], np.bool_)
     column = {number: at for at, number in enumerate(numbers)}
-    for sample, (frame, number) in zip(samples, owners, strict=True):
-        bodies[frame, column[number]] = sample
-        there[frame, column[number]] = True
+    for sample, (frame, owner) in zip(samples, owners, strict=True):
+        bodies[frame, column[owner]] = sample
+        there[frame, column[owner]] = True
     bodies, numbers, joined = _join(bodies, there, numbers)
     # What the sensor lost is a gap; it reports a place for it all the same.
     state = bodies[..., 3]
