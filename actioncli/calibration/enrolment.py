@@ -6,10 +6,12 @@ The warnings are how people notice a bad clip, or two actions that the skeleton 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from actioncli.calibration.automatic import settle
+from actioncli.clips.active import repetition_notes
 from actioncli.clips.checks import require_usable
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import mirrored
@@ -35,12 +37,19 @@ class Enrolled:
         label: as it is stored.
         added: False where the same clip was there already.
         warnings: what speaks against the example, sentences without a full stop.
+        threshold: what became of the threshold, of the last clip that was added; see `automatic`.
     """
 
     example: int
     label: str
     added: bool
     warnings: tuple[str, ...] = ()
+    threshold: str = ""
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """All that is to be said."""
+        return (*self.warnings, self.threshold) if self.threshold else self.warnings
 
     def to_json(self) -> dict[str, object]:
         """As plain values, without the label."""
@@ -55,6 +64,7 @@ def enrol(
     note: str = "",
     negative: bool = False,
     either_side: bool = False,
+    keep_tau: bool = False,
 ) -> list[Enrolled]:
     """Keep clips as examples of an action, all of them or none, with their embeddings.
 
@@ -67,6 +77,7 @@ def enrol(
         negative: the clips show what must never be accepted.
         either_side: the action counts with left and right exchanged, too: the mirror image of each
             clip becomes an example beside it.
+        keep_tau: leave the threshold as it is.
 
     Returns:
         What became of each clip, mirror images last, with warnings about what it looks like beside
@@ -101,7 +112,10 @@ def enrol(
         own = [*support.actions.get(label, ()), *embeddings[:given]]
         asked = embeddings[:given]
         warnings[:given] = [tuple(_warnings(support, label, own, clip)) for clip in asked]
-    warnings = [about + view_notes(clip) for about, clip in zip(warnings, clips, strict=True)]
+    warnings = [
+        about + view_notes(clip) + repetition_notes(clip)
+        for about, clip in zip(warnings, clips, strict=True)
+    ]
     try:
         missing = support.recomputed if support is not None else None
         labelled = [(label, clip) for clip in clips]
@@ -113,10 +127,15 @@ def enrol(
             f"`{NEGATIVES}` is the name of an action here; give it another one first: "
             f"actioncli rename {NEGATIVES} NEW"
         ) from error
-    return [
+    enrolled = [
         Enrolled(one.example, one.label, one.added, about if one.added else ())
         for one, about in zip(kept, warnings, strict=True)
     ]
+    added = [at for at, one in enumerate(kept) if one.added]
+    if recognizer is not None and added and not keep_tau:
+        last = enrolled[added[-1]]
+        enrolled[added[-1]] = replace(last, threshold=settle(store, recognizer))
+    return enrolled
 
 
 def embed_missing(store: SupportStore, recognizer: Recognizer) -> int:

@@ -53,6 +53,9 @@ def enroll(
             "becomes an example beside it.",
         ),
     ] = False,
+    keep_tau: Annotated[
+        bool, typer.Option("--keep-tau", help="Leave the threshold as it is.")
+    ] = False,
     note: Annotated[str, typer.Option(metavar="TEXT", help="Kept with the examples.")] = "",
     weights: WeightsOption = None,
     options: ClipReading,
@@ -75,11 +78,14 @@ def enroll(
     its action, or like another action, is added with a warning.
 
     Of a video, the part in which the person moves is taken, unless --start or --end say
-    otherwise. With --camera, a clip is recorded after a countdown, and refused if the body is
-    not in view.
+    otherwise. Of several repetitions one is taken, also of a file. With --camera, a clip is
+    recorded after a countdown, and refused if the body is not in view.
 
     With --negative, no label is given, and the clips are kept as `negatives`: what is nearer to
     one of them than to every action is rejected.
+
+    From the second example of an action on, or where motions that are none of the actions are
+    accepted, the threshold is chosen anew, 0.5 or above, and told; one that you set stays.
 
     \b
     Examples:
@@ -92,11 +98,12 @@ def enroll(
 
     \b
     JSON keys:
-      label, negative, weights, clips, added, known, failed
+      label, negative, weights, clips, threshold, added, known, failed
       clips[]: source, example, added, frames, seconds, notes, warnings, error
       clips[].error: type, message, exit_code
     """
     from actioncli.calibration.enrolment import enrol
+    from actioncli.clips.active import one_repetition
     from actioncli.recognition.recognizer import Recognizer
     from actioncli.store.names import check_label
 
@@ -122,10 +129,17 @@ def enroll(
         settings.tell(f"warning: the clips are not checked: {printable(error)}")
     # A clip that the model cannot use would fail every later classification.
     given = _given(settings, paths or [], options, camera, seconds)
+    if camera is None and not options.whole:
+        given = (
+            (path, clip if isinstance(clip, ClipError) else one_repetition(clip))
+            for path, clip in given
+        )
     outcomes = list(usable(given, recognizer, examples=not negative))
     clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
     with settings.open_store() as store:
-        enrolled = enrol(store, recognizer, label, clips_read, note, negative, either_side)
+        enrolled = enrol(
+            store, recognizer, label, clips_read, note, negative, either_side, keep_tau
+        )
 
     entries: list[dict[str, object]] = []
     remaining = iter(enrolled)
@@ -150,11 +164,15 @@ def enroll(
     images = list(remaining)
     if images:
         settings.tell(f"{plural(len(images), 'mirror image')} kept beside the clips")
+    threshold = "".join(one.threshold for one in enrolled)
+    if threshold:
+        way_out = " (--keep-tau leaves it)" if threshold.startswith("tau is") else ""
+        settings.tell(f"note: {printable(threshold)}{way_out}")
     failed = len(outcomes) - len(clips_read)
     if settings.json:
         added = sum(one.added for one in enrolled[: len(clips_read)])
         counts = {"added": added, "known": len(clips_read) - added, "failed": failed}
-        used = {"weights": recognizer and recognizer.weights.checksum}
+        used = {"weights": recognizer and recognizer.weights.checksum, "threshold": threshold}
         write_json({"label": label, "negative": negative, **used, "clips": entries, **counts})
     if failed:
         raise typer.Exit(ClipError.exit_code)

@@ -129,7 +129,7 @@ def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> d
             except (ClipError, UsageError) as refused:
                 note(f"error: {printable(str(refused))}")
                 continue
-            for line in (*one.notes, *enrolled.warnings):
+            for line in (*one.notes, *enrolled.told):
                 settings.tell(f"warning: {printable(line)}")
         kept.forget()
         done[_OF_KEY[key]] += 1

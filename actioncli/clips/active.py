@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
 from actioncli.clips.skeleton import DEFAULT_JOINTS, centred, select_joints, torso_length
+from actioncli.errors import ClipError
 
 # Seconds over which speed is averaged; seconds kept before and after the motion.
 _SMOOTHING = 0.3
@@ -25,6 +26,8 @@ _SHORTEST_PERIOD = 0.5
 _LEAST_PERIODS = 1.6
 # A longer rest separates two performances; a shorter part is no action.
 _REST = 1.5
+# Seconds from which a repetition is an action by itself; so many quicker ones are too many for one.
+_CYCLE, _MANY = 2.0, 5
 _SHORTEST = 0.5
 
 
@@ -154,14 +157,28 @@ def action_in(clip: Clip) -> tuple[float, float, int]:
     return start + one[0], start + one[1], max(count, 2)
 
 
+def repetition_notes(clip: Clip) -> tuple[str, ...]:
+    """What to tell about an example that shows more than one repetition: a sentence, or none."""
+    try:
+        start, end, repetitions = action_in(clip)
+    except ClipError:
+        return ()
+    if repetitions == 1 or (end - start < _CYCLE and repetitions < _MANY):
+        return ()
+    text = f"shows about {repetitions} repetitions of {end - start:.1f} s as one action"
+    return (f"{text}; an example of one, or of a few quick ones, is recognised surer",)
+
+
 def one_repetition(clip: Clip) -> Clip:
     """One repetition of a motion that repeats itself, with a note; else the whole clip.
 
-    Raises:
-        ClipError: nothing moves in it.
+    Quick cycles, as of walking or jumping jacks, stay together: people show several as one action.
     """
-    start, end, repetitions = action_in(clip)
-    if repetitions == 1:
+    try:
+        start, end, repetitions = action_in(clip)
+    except ClipError:  # a body without the joints that this is seen by
+        return clip
+    if repetitions == 1 or end - start < _CYCLE:
         return clip
     note = f"used {start:.1f} s to {end:.1f} s, one of about {repetitions} repetitions"
     one = cut(clip, start, end)

@@ -102,26 +102,24 @@ def body_size(positions: FloatArray, names: tuple[str, ...]) -> float | None:
     return float(median(sizes / np.array([_BONES[bone] for bone in measured])))
 
 
-def infer_unit(size: float | None, where: str) -> str:
-    """The one unit in which the body has a person's size.
+def infer_unit(size: float | None, where: str) -> tuple[float, str]:
+    """Metres per unit by the body's size, and a note on it.
+
+    The one usual unit in which it is a person's; where there is none (motion capture in units of
+    its own, drawn figures), the body is given a grown person's: no decision depends on it.
 
     Raises:
-        AmbiguousClipError: none fits, or there is no body to measure.
+        AmbiguousClipError: there is no body to measure.
     """
-    if size is None:
+    if size is None or not 1e-8 < size < 1e8:
         raise AmbiguousClipError(
             f"{where}: the unit of length is not stated, and the joint names give no bone to "
             f"measure. Give --unit ({', '.join(UNITS)}) or, if the names are wrong, --layout."
         )
     fitting = [unit for unit in ("m", "cm", "mm") if fits_a_body(size, UNITS[unit])]
-    if len(fitting) != 1:
-        raise AmbiguousClipError(
-            f"{where}: the unit of length is not stated and cannot be told from the body: its "
-            f"torso and limbs are {size:.3g} times a grown person's in metres, "
-            f"{size / 100:.3g} times in centimetres, {size / 1000:.3g} times in millimetres. "
-            f"Give --unit ({', '.join(UNITS)}, or metres per unit as a number)."
-        )
-    return fitting[0]
+    if len(fitting) == 1:
+        return UNITS[fitting[0]], f"unit inferred from the size of the body: {fitting[0]} (--unit)"
+    return 1 / size, f"unit taken for {1 / size:.3g} m, so that the body has a grown person's size"
 
 
 def fits_a_body(size: float, metres: float) -> bool:

@@ -12,6 +12,10 @@ from actioncli.clips.gaps import BoolArray, missing_joints
 from actioncli.clips.recording import Recording
 from actioncli.errors import ClipError
 
+# Two people are not told apart where exchanging them takes less than this times the way, or their
+# joints are this share of half a body's height from each other.
+_OPEN, _NEAR = 1.5, 0.1
+
 
 def most_active(recording: Recording, where: str) -> Recording:
     """The recording of the one person who moves most, cut to the frames that show them.
@@ -29,7 +33,7 @@ def most_active(recording: Recording, where: str) -> Recording:
     if people == 1:
         return recording
     missing = missing_joints(recording.positions, recording.zeros_are_gaps)
-    order = _follow(recording.positions, missing)
+    order, doubt = _follow(recording.positions, missing)
     rows = np.arange(len(order))[:, None]
     positions, missing = recording.positions[rows, order], missing[rows, order]
     moved = [activity(positions[:, who], missing[:, who]) for who in range(people)]
@@ -47,6 +51,9 @@ def most_active(recording: Recording, where: str) -> Recording:
             f"{len(there)} people in the file: took {names[best]}, who moves most "
             f"({moved[best]:.3g} against {second:.3g}), frames {span.start + 1} to {span.stop}"
         )
+    if (share := float(doubt[span, best].mean())) > 0:
+        text = f"two people are too near to be told apart in {share:.1%} of the frames"
+        notes.append(f"{text}; record one alone")
     confidence = recording.confidence
     if confidence is not None:
         confidence = confidence[rows, order][span, best : best + 1]
@@ -70,38 +77,84 @@ def activity(positions: FloatArray, missing: BoolArray) -> float:
     return float((np.sqrt(variance.sum(axis=1)) * seen.mean(axis=0)).mean())
 
 
-def _follow(positions: FloatArray, missing: BoolArray) -> NDArray[np.intp]:
-    """Which column holds each person in each frame: (T, P) indices.
+def _follow(
+    positions: FloatArray, missing: BoolArray
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Which column holds each person in each frame, and whom the frames leave open.
 
-    A person stays in their column unless they jump by more than half a body's height there,
-    or somebody appears; then that frame is assigned anew, nearest first.
+    A person is who goes the shortest way from frame to frame, joint by joint: so bodies are told
+    apart by where they are and by what they look like, also where they pass each other.
+
+    Returns:
+        (T, P) columns, and (T, P) whether a person could as well be in another's column.
     """
     frames, people = missing.shape[:2]
     order = np.tile(np.arange(people), (frames, 1))
+    doubt = np.zeros((frames, people), np.bool_)
     there = np.logical_not(missing)
     seen: BoolArray = np.logical_or.reduce(there, axis=2)
-    weight = there[..., None] / np.maximum(there.sum(axis=2), 1)[..., None, None]
-    places = np.where(missing[..., None], 0, positions).astype(np.float64)
-    centre = (places * weight).sum(axis=2)
     if not seen.any():
-        return order
+        return order, doubt
+    weight = there[..., None] / np.maximum(there.sum(axis=2), 1)[..., None, None]
+    places = np.where(missing[..., None], np.nan, positions).astype(np.float64)
+    centre = (np.nan_to_num(places) * weight).sum(axis=2)
     spread = np.linalg.norm(places - centre[:, :, None], axis=-1)
     # From the middle of a body to its joints it is a quarter of its height.
     reach = 2 * float(np.median(spread[there]))
-    jumps = np.linalg.norm(np.diff(centre, axis=0), axis=2) > reach
-    if not (jumps | ~seen[1:] | ~seen[:-1]).any():
-        return order
-    last = np.full((people, 3), np.nan)
+
+    def meet(by: int) -> NDArray[np.bool_]:
+        """Whether a body is where the one `by` columns before was in the last frame."""
+        step = centre[1:] - np.roll(centre, by, axis=1)[:-1]
+        return np.asarray(np.linalg.norm(step, axis=2) <= reach)
+
+    if seen.all() and meet(0).all() and not any(meet(by).any() for by in range(1, people)):
+        return order, doubt
+    last = np.full(places.shape[1:], np.nan)
     for frame in range(frames):
         here = np.flatnonzero(seen[frame])
-        distance = np.linalg.norm(last[:, None] - centre[frame][None], axis=2)
-        own, near = distance[here, here], np.isfinite(distance[:, here]).any(axis=0)
+        ways = _ways(last, places[frame], reach)
+        own, near = ways[here, here], np.isfinite(ways[:, here]).any(axis=0)
         if ((own > reach) | (np.isnan(own) & near)).any():
-            order[frame] = _assign(distance, here, reach)
+            order[frame] = _assign(ways, here, reach)
+        stay, swap = _exchanges(ways, order[frame])
+        if (swap < stay).any():
+            order[frame] = _assign(ways, here, reach)
+            stay, swap = _exchanges(ways, order[frame])
+        # Rounding must not exchange them back.
+        while (swap < 0.999 * stay).any():
+            one, other = np.unravel_index(np.nanargmax(stay - swap), stay.shape)
+            order[frame, [one, other]] = order[frame, [other, one]]
+            stay, swap = _exchanges(ways, order[frame])
+        open_: BoolArray = swap < np.maximum(_OPEN * stay, 2 * _NEAR * reach)
+        doubt[frame] = (open_ & ~np.eye(people, dtype=bool)).any(axis=1)
         for who in range(people):
             if seen[frame, order[frame, who]]:
-                last[who] = centre[frame, order[frame, who]]
-    return order
+                last[who] = places[frame, order[frame, who]]
+    return order, doubt
+
+
+def _exchanges(
+    ways: NDArray[np.float64], order: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far each two people (P, P) go together: as they are ordered, and exchanged."""
+    ways = ways[:, order]
+    return ways.diagonal()[:, None] + ways.diagonal(), ways + ways.T
+
+
+def _ways(last: NDArray[np.float64], now: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+    """How far each person (P, J, 3) is from the body in each column: (P, P); NaN for nobody.
+
+    Where it may matter, the mean over the joints that both have; else from middle to middle.
+    """
+    with np.errstate(invalid="ignore"):
+        middles = [np.nansum(each, 1) / np.isfinite(each).sum(axis=1) for each in (last, now)]
+        ways: NDArray[np.float64] = np.linalg.norm(middles[0][:, None] - middles[1], axis=2)
+        one, other = np.nonzero(ways < 2 * reach)
+        steps = np.linalg.norm(last[one] - now[other], axis=2)
+        both = np.isfinite(steps)
+        mean = np.where(both, steps, 0).sum(axis=1) / both.sum(axis=1)
+    ways[one, other] = np.where(both.any(axis=1), mean, ways[one, other])
+    return ways
 
 
 def _assign(

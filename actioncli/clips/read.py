@@ -17,10 +17,16 @@ import numpy as np
 
 from actioncli.clips import axes
 from actioncli.clips.checks import not_places
-from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip
+from actioncli.clips.clip import LEAST_FPS, MOST_FPS, Clip, FloatArray
 from actioncli.clips.gaps import fill_gaps, filled
 from actioncli.clips.persons import most_active
-from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.clips.recording import (
+    LARGEST_CLIP,
+    LONGEST_CLIP,
+    MOST_JOINTS,
+    MOST_PEOPLE,
+    Recording,
+)
 from actioncli.clips.skeleton import LAYOUTS, default_columns
 from actioncli.errors import AmbiguousClipError, ClipError, UsageError
 
@@ -91,10 +97,16 @@ def read_clip(
         except AmbiguousClipError as error:
             # An option would not help where these are no places at all.
             names, _ = _joint_names(stated, str(path))
-            for finding in not_places(stated.positions[:, 0], names):
-                if finding.forbids_enrolment:
-                    raise ClipError(f"{path}: {finding.text}.") from error
+            _check_places(stated.positions[:, 0], names, str(path), error)
             raise
+
+
+def _check_places(
+    positions: FloatArray, names: tuple[str, ...], where: str, error: Exception | None = None
+) -> None:
+    for finding in not_places(positions, names):
+        if finding.forbids_enrolment:
+            raise ClipError(f"{where}: {finding.text}.") from error
 
 
 def find_clips(
@@ -193,13 +205,15 @@ def _read(file: Path) -> Recording:
 
 def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
     """From what the file holds to a clip, in the order in which one decision needs another."""
-    frames, _, joints, _ = recording.positions.shape
+    frames, people, joints, _ = recording.positions.shape
     if recording.positions.size > LARGEST_CLIP or frames > LONGEST_CLIP or joints > MOST_JOINTS:
         raise ClipError(
             f"{where}: {frames} frames of {joints} joints are more than the {LONGEST_CLIP} "
             f"frames, {MOST_JOINTS} joints or {LARGEST_CLIP} coordinates that a clip may have; "
             "cut out the action."
         )
+    if people > MOST_PEOPLE:
+        raise ClipError(f"{where}: {people} people in a frame; at most {MOST_PEOPLE} are followed.")
     if frames < 2:
         raise ClipError(f"{where}: a clip needs at least 2 frames, this has {frames}.")
     names, notes = _joint_names(recording, where)
@@ -220,12 +234,10 @@ def _decide(recording: Recording, where: str, unit_is_certain: bool) -> Clip:
 
     whole = filled(positions) if np.isnan(positions).any() else positions
     size = axes.body_size(whole, names)
-    if recording.unit is None:
-        unit = axes.infer_unit(size, where)
-        metres = axes.UNITS[unit]
-        decided.append(f"unit inferred from the size of the body: {unit} (--unit)")
-    else:
-        metres = _stated_unit(recording.unit, size, unit_is_certain, where)
+    metres, told = _unit(recording.unit, size, unit_is_certain, where)
+    decided.extend(told)
+    if told and size and not any(axes.fits_a_body(size, each) for each in axes.UNITS.values()):
+        _check_places(whole, names, where)
     if recording.up is None:
         up = axes.infer_up(whole, names, metres, recording.rest_up, where)
         decided.append(f"up axis inferred from the posture: {up} (--up)")
@@ -301,18 +313,17 @@ def _layouts_of(joints: int) -> list[str]:
     return [name for name, columns in LAYOUTS.items() if len(columns) == joints]
 
 
-def _stated_unit(unit: str, size: float | None, certain: bool, where: str) -> float:
-    """Metres per unit as stated; a file's statement must give a body of some person's size."""
-    metres = axes.parse_unit(unit)
-    if metres is None:
-        raise AmbiguousClipError(
-            f"{where}: states the unit {unit[:40]!r}, which is none of {', '.join(axes.UNITS)}; "
-            "give --unit."
-        )
-    if not certain and size is not None and not axes.fits_a_body(size, metres):
-        raise AmbiguousClipError(
-            f"{where}: states {unit} as its unit, but the body's torso and limbs would be "
-            f"{size * metres:.3g} times a grown person's; give --unit "
-            f"({', '.join(axes.UNITS)}, or metres per unit as a number)."
-        )
-    return metres
+def _unit(
+    stated: str | None, size: float | None, certain: bool, where: str
+) -> tuple[float, list[str]]:
+    """Metres per unit, with notes; a file's statement must give a body of some person's size."""
+    metres = None if stated is None else axes.parse_unit(stated)
+    if metres is not None and (certain or size is None or axes.fits_a_body(size, metres)):
+        return metres, []
+    inferred, note = axes.infer_unit(size, where)
+    if stated is None:
+        return inferred, [note]
+    wrong = f"is none of {', '.join(axes.UNITS)}"
+    if metres is not None and size is not None:
+        wrong = f"would make the body {size * metres:.3g} times a grown person's"
+    return inferred, [f"states {stated[:40]!r} as its unit, which {wrong}", note]

@@ -12,6 +12,7 @@ from actioncli.clips.clip import FloatArray
 LARGEST_CLIP = 2**24
 LONGEST_CLIP = 2**18
 MOST_JOINTS = 2**10
+MOST_PEOPLE = 64
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,11 +28,13 @@ class Threshold:
         weights: checksum of the weights whose confidences it was measured on; it says nothing
             about those of others.
         actions: thresholds of single actions, by label.
+        automatic: whether enrolment chose it, and may choose another; else the user did.
     """
 
     tau: float
     weights: str
     actions: Mapping[str, float] = field(default_factory=dict)
+    automatic: bool = False
 
     def of(self, label: str) -> float:
         """The threshold of an action."""
@@ -43,11 +45,13 @@ class Threshold:
         actions = {label: tau for label, tau in self.actions.items() if label not in {old, new}}
         if old in self.actions:
             actions[new] = self.actions[old]
-        return self if old == new else Threshold(self.tau, self.weights, actions)
+        return self if old == new else replace(self, actions=actions)
 
     def to_text(self) -> str:
         """What a store keeps."""
-        return json.dumps({"tau": self.tau, "weights": self.weights, "actions": dict(self.actions)})
+        chosen = {"automatic": True} if self.automatic else {}
+        kept = {"tau": self.tau, "weights": self.weights, "actions": dict(self.actions)}
+        return json.dumps(kept | chosen)
 
     @classmethod
     def from_text(cls, text: str, store: Path) -> Threshold:
@@ -59,7 +63,8 @@ class Threshold:
         try:
             value: Any = json.loads(text)
             actions = {str(label): _checked(tau) for label, tau in value["actions"].items()}
-            return cls(_checked(value["tau"]), str(value["weights"]), actions)
+            tau, chosen = _checked(value["tau"]), value.get("automatic") is True
+            return cls(tau, str(value["weights"]), actions, chosen)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise StoreError(
                 f"{store}: the calibrated threshold is damaged; `actioncli calibrate --reset` "

@@ -12,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 
+from actioncli.clips.active import one_repetition
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import UsageError
 from actioncli.pose import without_password
@@ -157,10 +158,12 @@ class Studio:
         negative = asked.get("negative") is True
         label = "" if negative else _text(asked, "label")
         number = request.path_params["id"]
-        clip = self.uploads.get(number).clip()
+        upload = self.uploads.get(number)
+        clip = upload.clip() if upload.whole else one_repetition(upload.clip())
         [enrolled] = await asyncio.to_thread(self.support.enrol, label, clip, negative=negative)
         self.uploads.discard(number)
-        return AsciiJson({"label": enrolled.label, **enrolled.to_json()})
+        told = {"warnings": list(enrolled.told)}
+        return AsciiJson({"label": enrolled.label, **enrolled.to_json(), **told})
 
     def measured(self, request: Request) -> Response:
         """False accepts and rejects over tau."""

@@ -88,7 +88,7 @@ class Review:
             enrolled = self.support.enrol(
                 label, clip, note=kept.origin, negative=decision == "negative"
             )[0]
-            warnings = [*clip.notes, *enrolled.warnings]
+            warnings = [*clip.notes, *enrolled.told]
         kept.forget()
         self.done[decision] += 1
         return warnings

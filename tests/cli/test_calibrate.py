@@ -23,7 +23,7 @@ LOOSE = ["--target-far", "0.25"]
 def several(invoke: Invoke, store: SupportStore) -> SupportStore:
     """Four actions with two or three examples each, and one of which there is only one."""
     for folder in ("squat", "wave_right", "kick_right", "jumping_jack", "bow"):
-        assert invoke("enroll", folder, EXAMPLES / folder, "-q").exit_code == 0
+        assert invoke("enroll", folder, EXAMPLES / folder, "-q", "--keep-tau").exit_code == 0
     return store
 
 

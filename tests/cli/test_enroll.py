@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli import SupportStore, read_clip
+from actioncli import Recognizer, SupportStore, enrol, read_clip
 from actioncli.clips.skeleton import LAYOUTS, default_columns
 
 from .conftest import EXAMPLES, Ask, Invoke, Run
@@ -111,3 +111,20 @@ def test_control_characters_of_file_names_are_not_printed(
         assert r"\x1b" in done.stderr
         assert r"\udcff" in done.stderr
     assert store.examples("squat")[0].source.isprintable()
+
+
+def test_of_many_repetitions_one_is_enrolled(
+    invoke: Invoke, ask: Ask, store: SupportStore, tmp_path: Path
+) -> None:
+    """Five squats as one example made a squat fall from .91 to .04."""
+    once = read_clip(EXAMPLES / "squat/ada.npz")
+    many = {"joint_names": np.array(once.joint_names), "fps": once.fps, "unit": "m", "up": "y"}
+    np.savez(tmp_path / "five.npz", joints=np.tile(once.joints, (5, 1, 1)), **many)
+    done = invoke("enroll", "squat", tmp_path / "five.npz")
+    assert "one of about 5 repetitions" in done.stderr
+    assert store.clip(store.examples("squat")[0].id).duration < 1.2 * once.duration
+    (found,) = ask("classify", EXAMPLES / "squat/ben.npz")["clips"]
+    assert found["confidence"] > 0.9
+    clip = read_clip(tmp_path / "five.npz")
+    (one,) = enrol(store, Recognizer(), "squat", [clip])
+    assert any("shows about 5 repetitions of 3." in line for line in one.warnings)

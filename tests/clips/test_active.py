@@ -1,13 +1,23 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actioncli.clips.active import _autocorrelation, action_in, active_part, repetition
+from actioncli.clips.active import (
+    _autocorrelation,
+    action_in,
+    active_part,
+    one_repetition,
+    repetition,
+    repetition_notes,
+)
 from actioncli.clips.clip import Clip
 from actioncli.clips.edit import cut
+from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 
 
@@ -122,3 +132,40 @@ def test_autocorrelation_is_the_mean_of_products(
         (signal[: frames - lag] * signal[lag:]).sum(axis=1).mean() for lag in range(longest + 1)
     ]
     assert _autocorrelation(signal, longest) == pytest.approx(direct, abs=1e-4)
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def over_again(name: str, times: int) -> Clip:
+    clip = read_clip(EXAMPLES / f"{name}.npz")
+    return Clip(np.tile(clip.joints, (times, 1, 1)), clip.joint_names, clip.fps)
+
+
+@pytest.mark.parametrize("times", [2, 3, 8])
+@pytest.mark.parametrize("name", ["squat/ada", "wave_right/cleo", "bow/ben"])
+def test_slow_repetitions_are_actions_by_themselves(name: str, times: int) -> None:
+    once, several = over_again(name, 1), over_again(name, times)
+    assert one_repetition(once) is once
+    assert repetition_notes(once) == ()
+    one = one_repetition(several)
+    assert one.duration == pytest.approx(once.duration, rel=0.15)
+    assert f"one of about {times} repetitions" in one.notes[-1]
+    assert f"shows about {times} repetitions" in repetition_notes(several)[0]
+    assert one_repetition(one) is one
+
+
+@pytest.mark.parametrize(("times", "told"), [(1, False), (2, True)])
+def test_quick_repetitions_stay_together(times: int, told: bool) -> None:
+    """A recorded jumping jack is three jumps."""
+    clip = over_again("jumping_jack/ada", times)
+    assert one_repetition(clip) is clip
+    assert bool(repetition_notes(clip)) == told
+
+
+def test_a_body_without_joints_to_see_it_by() -> None:
+    clip = over_again("squat/ada", 3)
+    arms = [at for at, name in enumerate(clip.joint_names) if name[1:] in ("sho", "elb", "wri")]
+    part = Clip(clip.joints[:, arms], [clip.joint_names[at] for at in arms], clip.fps)
+    assert one_repetition(part) is part
+    assert repetition_notes(part) == ()

@@ -64,11 +64,19 @@ def test_body_size_is_relative_to_a_grown_person() -> None:
 @given(size=st.floats(0.3, 2.5))
 def test_every_person_has_one_unit(size: float) -> None:
     for unit in ("m", "cm", "mm"):
-        assert axes.infer_unit(size / axes.UNITS[unit], "clip") == unit
+        metres, note = axes.infer_unit(size / axes.UNITS[unit], "clip")
+        assert (metres, f": {unit} (--unit)" in note) == (axes.UNITS[unit], True)
 
 
-@pytest.mark.parametrize("size", [0.1, 10, 26, 4000, None])
-def test_other_sizes_need_an_answer(size: float | None) -> None:
+@pytest.mark.parametrize("size", [0.1, 10, 26, 4000])
+def test_bodies_of_other_sizes_are_made_a_grown_persons(size: float) -> None:
+    metres, note = axes.infer_unit(size, "clip")
+    assert size * metres == pytest.approx(1)
+    assert "a grown person's size" in note
+
+
+@pytest.mark.parametrize("size", [0.0, None, float("inf")])
+def test_no_body_has_no_unit(size: float | None) -> None:
     with pytest.raises(AmbiguousClipError, match=r"clip: .*--unit"):
         axes.infer_unit(size, "clip")
 

@@ -82,3 +82,38 @@ def test_confidence_and_name_follow_the_person() -> None:
     assert "took body 9" in chosen.notes[0]
     assert chosen.confidence is not None
     assert (chosen.confidence == 0.75).all()
+
+
+def walking(start: float, speed: float, size: float = 1.0, frames: int = 60) -> np.ndarray:
+    """A person who waves and goes across, sized about the feet."""
+    body = waving(frames)
+    body = body[0].mean(axis=0) + size * (body - body[0].mean(axis=0))
+    return body + np.linspace(start, start + speed, frames)[:, None, None] * np.array([1, 0, 0])
+
+
+RNG = np.random.default_rng(0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize(
+    "bodies",
+    [
+        [waving(60), np.repeat(waving(60)[:1], 60, axis=0) + np.array([0.5, 0, 0])],
+        [walking(-1, 2), walking(1, -2, 0.8)],
+        [walking(-1, 2, 1.1), walking(0, 0, 0.9), walking(1, -2, 1.0) + np.array([0, 0, 0.3])],
+    ],
+)
+def test_people_within_arms_reach_are_followed(bodies: list[np.ndarray], noise: float) -> None:
+    """Columns in any order in each frame, or from left to right."""
+    people_ = np.stack(bodies, axis=1) + RNG.normal(0, noise, (60, len(bodies), 15, 3))
+    by_place = people_.mean(axis=(2, 3)).argsort(axis=1)
+    for order in (RNG.permuted(np.tile(np.arange(len(bodies)), (60, 1)), axis=1), by_place):
+        shuffled = people_[np.arange(60)[:, None], order].astype(np.float32)
+        chosen = most_active(Recording(shuffled), "clip").positions[:, 0]
+        assert any(np.array_equal(chosen, body) for body in people_.swapaxes(0, 1).astype("f4"))
+
+
+def test_who_cannot_be_told_apart_is_told() -> None:
+    alike = [walking(-1, 2), walking(1, -2)]
+    assert "too near to be told apart in" in most_active(people(*alike), "clip").notes[-1]
+    assert len(most_active(people(alike[0], alike[0] + 1), "clip").notes) == 1

@@ -109,15 +109,23 @@ def test_what_the_file_states_is_taken(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("metres", "stated", "message"),
-    [(1, {"unit": "mm"}, r"states mm.*--unit"), (0.0254 * 4, {}, "--unit")],
-    ids=["a dwarf", "between the usual units"],
+    [
+        (1, {"unit": "mm"}, "states 'mm' as its unit, which would make the body 0.00"),
+        (0.01, {"unit": "parsec"}, "states 'parsec' as its unit, which is none of m, cm"),
+        # As in the collection of CMU: inches, divided by 0.45.
+        (0.0254 / 0.45, {}, "so that the body has a grown person's size"),
+        (0.0254 * 4, {}, "so that the body has a grown person's size"),
+        (1e-6, {"unit": "m"}, "so that the body has a grown person's size"),
+    ],
 )
-def test_an_unlikely_unit_is_asked_for(
+def test_an_unlikely_unit_is_told_and_never_asked_for(
     tmp_path: Path, metres: float, stated: dict[str, str], message: str
 ) -> None:
+    file = write_npz(tmp_path / "a.npz", (waving() - CENTRE) / metres, **stated)
+    clip = read_clip(file)
+    assert message in "; ".join(clip.notes)
+    np.testing.assert_allclose(default_joints(clip), waving() - CENTRE, atol=0.05)
     file = write_npz(tmp_path / "a.npz", waving() / metres, **stated)
-    with pytest.raises(AmbiguousClipError, match=message):
-        read_clip(file)
     clip = read_clip(file, unit=metres)
     np.testing.assert_allclose(default_joints(clip), waving(), atol=1e-4)
 
@@ -166,8 +174,7 @@ def test_impossible_options_are_usage_errors(tmp_path: Path, options: dict[str, 
 
 @pytest.mark.parametrize(
     "field",
-    [{"unit": "parsec"}, {"up": "w"}, {"fps": -3.0}, {"fps": 1e-300}, {"fps": 1e300},
-     {"layout": "kinekt"}],
+    [{"up": "w"}, {"fps": -3.0}, {"fps": 1e-300}, {"fps": 1e300}, {"layout": "kinekt"}],
 )  # fmt: skip
 def test_stated_nonsense_names_the_option(tmp_path: Path, field: dict[str, Any]) -> None:
     np.savez(tmp_path / "a.npz", joints=waving(joints=LAYOUTS["smpl_24"]), **field)

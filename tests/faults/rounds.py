@@ -305,7 +305,8 @@ class Round:
                 label = f"action {number}"
                 names = self.random.sample(sorted(clips), self.random.randint(1, 2))
                 after[label] = names
-                words = ["enroll", label, *(str(EXAMPLES[name]) for name in names)]
+                files = (str(EXAMPLES[name]) for name in names)
+                words = ["enroll", label, *files, "--keep-tau"]
             elif kind == "rename":
                 old = self.random.choice(sorted(state))
                 after[f"action {number}"] = after.pop(old)

@@ -65,7 +65,8 @@ def test_the_same_clip_is_known_and_an_unlike_one_is_told(client: Client) -> Non
     assert client.enroll(SQUAT, "squat")["added"]
     again = client.enroll(SQUAT, "squat")
     assert (again["added"], again["warnings"]) == (False, [])
-    (warning,) = client.enroll(WAVE, "squat")["warnings"]
+    warning, threshold = client.enroll(WAVE, "squat")["warnings"]
+    assert threshold.startswith("tau is ")
     assert warning.startswith("unlike the other examples of `squat`")
 
 

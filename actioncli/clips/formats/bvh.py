@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from actioncli.clips.axes import body_size, infer_up
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.formats.files import Numbers, frame_rate, text_lines
+from actioncli.clips.formats.files import Numbers, frame_rate, number, text_lines
 from actioncli.clips.persons import activity
 from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
 from actioncli.clips.skeleton import default_columns
@@ -66,7 +66,7 @@ def read(file: Path) -> Recording:
         if len(cells) != skeleton.columns:
             raise ClipError(f"{file}: line {at} has {len(cells)} of {skeleton.columns} channels.")
         try:
-            angles.add([float(cell) for cell in cells])
+            angles.add([number(cell) for cell in cells])
         except ValueError as error:
             raise ClipError(f"{file}: line {at}: {error}.") from error
     frames, joints = len(angles), len(skeleton.joints)
@@ -199,7 +199,7 @@ def _channels(skeleton: _Skeleton, joint: int, words: list[str], file: Path, at:
 
 def _three(words: list[str], file: Path, at: int) -> tuple[float, float, float]:
     try:
-        x, y, z = (float(word) for word in words[:3])
+        x, y, z = (number(word) for word in words[:3])
     except ValueError as error:
         raise ClipError(f"{file}: line {at}: an offset of three numbers expected.") from error
     if not all(math.isfinite(value) and abs(value) < 1e9 for value in (x, y, z)):
@@ -223,7 +223,7 @@ def _motion(lines: Iterator[tuple[int, str]], file: Path) -> tuple[int, float]:
     if not (frames.isascii() and frames.isdigit() and len(frames) < 12):
         raise ClipError(f"{file}: 'Frames:' must be a count, not {frames[:30]!r}.")
     try:
-        return int(frames), float(time)
+        return int(frames), number(time)
     except ValueError:
         return int(frames), math.nan
 

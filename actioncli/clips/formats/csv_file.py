@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
+from actioncli.clips.formats.fields import as_confidence
 from actioncli.clips.formats.files import Numbers, frame_rate, parsed, text_lines
-from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, Recording
+from actioncli.clips.recording import LARGEST_CLIP, MOST_JOINTS, MOST_PEOPLE, Recording
 from actioncli.errors import ClipError
 
 _SEP = r"[\s_.:\-/|]*"
@@ -33,8 +34,8 @@ _CONFIDENCE = re.compile(
 _JOINT = re.compile(r"(?i)(?:joint|landmark|marker|keypoint|body[\s_]*part|bone)(?:[\s_]*name)?")
 _FRAME = re.compile(r"(?i)(?:frame|index)(?:[\s_]*(?:number|nr|no|id|index))?|#?frame")
 _COUNTED = re.compile(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*\d+")
+_BEFORE = re.compile(r"(?i)sep=.?$|#\s|//")
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_MOST_PEOPLE = 64
 
 
 class _Columns:
@@ -119,13 +120,16 @@ def read(file: Path) -> Recording:
     split, times = _by_person(table, people, times, file)
     frames, count = split.shape[:2]
     positions = split[:, :, : len(picked)].reshape(frames, count, -1, 3)
-    confidence = split[:, :, len(picked) :]
+    confidence, notes = None, tuple[str, ...]()
+    if len(wanted) > len(picked):
+        confidence, notes = as_confidence(split[:, :, len(picked) :], positions)
     return Recording(
         positions,
         joint_names=columns.names,
         fps=_rate(times, columns.time_unit),
         unit=columns.unit,
-        confidence=np.clip(np.nan_to_num(confidence), 0, 1) if confidence.size else None,
+        confidence=confidence,
+        notes=notes,
     )
 
 
@@ -170,15 +174,13 @@ def _read_long(
 
 def _rows(file: Path) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells; the separator is the one that the header has most of."""
-    lines = text_lines(file)
-    first = next((line for line in lines if line.strip()), "")
+    lines = ((at, line) for at, line in enumerate(text_lines(file), 1) if line.strip())
+    # Spreadsheets state the separator in a line of its own.
+    at, first = next((each for each in lines if not _BEFORE.match(each[1])), (1, ""))
     separator = max(",;\t", key=first.count)
-    decimal_comma = separator == ";"
-    yield 1, _cells(first, separator, file)
-    for at, line in enumerate(lines, 2):
-        if line.strip():
-            cells = _cells(line, separator, file)
-            yield at, [cell.replace(",", ".") for cell in cells] if decimal_comma else cells
+    yield at, _cells(first, separator, file)
+    for at, line in lines:
+        yield at, _cells(line, separator, file)
 
 
 def _cells(line: str, separator: str, file: Path) -> list[str]:
@@ -200,8 +202,8 @@ def _by_person(
     column = {person: at for at, person in enumerate(dict.fromkeys(people))}
     if len(column) < 2:
         return table[:, None], times
-    if len(column) > _MOST_PEOPLE:
-        raise ClipError(f"{file}: names {len(column)} people; at most {_MOST_PEOPLE} are read.")
+    if len(column) > MOST_PEOPLE:
+        raise ClipError(f"{file}: names {len(column)} people; at most {MOST_PEOPLE} are read.")
     frame = 0
     here: set[str] = set()
     frames = []

@@ -25,6 +25,8 @@ METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 # those of face and hands.
 _POSE = 33 * 4
 _LANDMARKS = (_POSE, _POSE + 3 * (468 + 2 * 21))
+# Confidence beyond 1 that is rounding, and steps such as those of Kinects.
+_ROUNDED, _MOST_STEPS = 1.05, 3
 T = TypeVar("T")
 
 
@@ -49,6 +51,7 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = Tr
         seen = {"confidence": points[..., 3]} if "confidence" not in fields else {}
         return from_fields({**fields, key: points[..., :3], **seen}, where)
     positions = to_people(values, f"{where} ({key})" if named else where)
+    confidence, notes = _confidence(fields, positions, where)
 
     def one(key: str, kinds: str, what: str, convert: Callable[[Any], T]) -> T | None:
         if key not in fields:
@@ -65,8 +68,16 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = Tr
         fps=one("fps", "iuf", "number", float),
         unit=one("unit", "USiuf", "word", _decoded),
         up=one("up", "USiuf", "word", _decoded),
-        confidence=_confidence(fields, positions.shape[:3], where),
+        confidence=confidence,
+        notes=notes,
     )
+
+
+def in_small_letters(fields: Mapping[str, T]) -> dict[str, T]:
+    """Fields by the names that are looked for, however they are spelt."""
+    known = {*POSITIONS, *METADATA, "frames"}
+    spelt = {name: name.lower() for name in fields if name.lower() in known - fields.keys()}
+    return {spelt.get(name, name): value for name, value in fields.items()}
 
 
 def listed(names: Iterable[str]) -> str:
@@ -125,18 +136,43 @@ def _names(fields: Mapping[str, NDArray[Any]], where: str) -> tuple[str, ...] | 
 
 
 def _confidence(
-    fields: Mapping[str, NDArray[Any]], shape: tuple[int, ...], where: str
-) -> FloatArray | None:
+    fields: Mapping[str, NDArray[Any]], positions: FloatArray, where: str
+) -> tuple[FloatArray | None, tuple[str, ...]]:
     if "confidence" not in fields:
-        return None
+        return None, ()
     value = np.asarray(fields["confidence"])
-    if value.dtype.kind not in "iufb" or value.size != np.prod(shape):
+    if value.dtype.kind not in "iufb" or value.size != positions.size // 3:
         raise ClipError(
             f"{where}: confidence must be (frames, joints) or (frames, people, joints) like the "
             f"positions, not {value.shape}."
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.clip(np.nan_to_num(value.reshape(shape).astype(np.float32), nan=0.0), 0, 1)
+        return as_confidence(value.reshape(positions.shape[:3]).astype(np.float32), positions)
+
+
+def as_confidence(values: FloatArray, positions: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """What tools state beside positions as confidence in [0, 1], with notes on what it was not.
+
+    Args:
+        values: as stated, (T, P, J): percent, or steps from 0 to 2 or 3, in other tools.
+        positions: (T, P, J, 3); where there is none, nothing need be stated.
+    """
+    there = np.isfinite(positions).all(axis=-1)
+    none, negative = there & np.isnan(values), there & (values < 0)
+    notes = [
+        f"confidence is {what} for {share:.1%} of the joint positions, which counts as not seen"
+        for what, share in (("NaN", none.mean()), ("negative", negative.mean()))
+        if share
+    ]
+    values = np.nan_to_num(values, nan=0.0)
+    most = float(values.max(initial=0))
+    if most > _ROUNDED:
+        steps = most <= _MOST_STEPS and bool((values == np.round(values)).all())
+        full = most if steps else 100.0 if _MOST_STEPS < most <= 100 else 1.0
+        taken = f"taken for parts of {full:g}" if full > 1 else "of which more than 1 counts as 1"
+        notes.append(f"confidence reaches {most:.3g} instead of 1: {taken}")
+        values = values / np.float32(full)
+    return np.clip(values, 0, 1), tuple(notes)
 
 
 def _decoded(value: Any) -> str:

@@ -154,7 +154,7 @@ def frame_rate(step: float, shortest: float = 1e-3) -> float | None:
 
 
 def number(text: str) -> float:
-    """A number of a text file; NaN for what stands for a missing one.
+    """A number of a text file, with a decimal comma too; NaN for what stands for a missing one.
 
     Raises:
         ValueError: it is neither.
@@ -164,4 +164,6 @@ def number(text: str) -> float:
     except ValueError:
         if text.strip().lower() in ("", "na", "n/a", "null", "none", "-", "nil"):
             return float("nan")
+        if text.count(",") == 1:
+            return float(text.replace(",", "."))
         raise

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actioncli.clips.formats.fields import METADATA, NOT_3D, POSITIONS, from_fields, listed
+from actioncli.clips.formats.fields import (
+    METADATA,
+    NOT_3D,
+    POSITIONS,
+    from_fields,
+    in_small_letters,
+    listed,
+)
 from actioncli.clips.formats.files import MEGABYTE, check_size, frame_rate
 from actioncli.clips.recording import LARGEST_CLIP, Recording
 from actioncli.errors import ClipError
@@ -43,6 +50,7 @@ def read(file: Path) -> Recording:
     if isinstance(one, dict) and (_mark_of_2d(one) or _of_coco(one)):
         raise ClipError(f"{file}: {NOT_3D}")
     if isinstance(content, dict):
+        content = in_small_letters(content)
         key = next((key for key in (*POSITIONS, "frames") if key in content), None)
         if key is None:
             raise ClipError(f"{file}: holds {listed(content)}; a clip needs poses3d or joints.")

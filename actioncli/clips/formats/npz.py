@@ -12,7 +12,13 @@ from typing import IO, Any, cast
 
 from numpy.typing import NDArray
 
-from actioncli.clips.formats.fields import METADATA, POSITIONS, from_fields, listed
+from actioncli.clips.formats.fields import (
+    METADATA,
+    POSITIONS,
+    from_fields,
+    in_small_letters,
+    listed,
+)
 from actioncli.clips.formats.files import MEGABYTE
 from actioncli.clips.formats.npy import MAGIC, read_array, read_header
 from actioncli.clips.recording import Recording
@@ -58,7 +64,9 @@ def read_arrays(
     """
     try:
         with file.open("rb") as opened, _archive(opened, file) as archive:
-            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            members = in_small_letters(
+                {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            )
             chosen = {name: info for name, info in members.items() if name in wanted}
             if only_array and len(members) == 1 and not chosen:
                 chosen = dict(zip(POSITIONS, members.values(), strict=False))

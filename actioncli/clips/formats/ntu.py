@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import FloatArray
-from actioncli.clips.formats.files import Numbers, text_lines
-from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, Recording
+from actioncli.clips.formats.files import Numbers, number, text_lines
+from actioncli.clips.recording import LARGEST_CLIP, LONGEST_CLIP, MOST_PEOPLE, Recording
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError
 
@@ -26,7 +26,6 @@ _FPS = 30.0
 _COLUMNS = 12
 # The sensor tracks 6 bodies at once; over a recording each of them may get new numbers.
 _MOST_BODIES = 6
-_MOST_NUMBERS = 64
 # A body that appears within this time (frames) and distance (metres) of where another was lost
 # is the same person under a new number.
 _LOST_FRAMES = 15
@@ -64,7 +63,7 @@ def read(file: Path) -> Recording:
         notes += (f"{frames - (last - first + 1)} frames without a body at the ends dropped",)
         owners = [(frame - first, number) for frame, number in owners]
         frames = last - first + 1
-    if len(numbers) > _MOST_NUMBERS or frames * len(numbers) * _JOINTS * 3 > LARGEST_CLIP:
+    if len(numbers) > MOST_PEOPLE or frames * len(numbers) * _JOINTS * 3 > LARGEST_CLIP:
         raise ClipError(
             f"{file}: {len(numbers)} bodies over {frames} frames are more than a clip may have."
         )
@@ -73,9 +72,9 @@ def read(file: Path) -> Recording:
     # Not by the positions, which may be no numbers: who is listed is there.
     there = np.zeros(bodies.shape[:2], np.bool_)
     column = {number: at for at, number in enumerate(numbers)}
-    for sample, (frame, number) in zip(samples, owners, strict=True):
-        bodies[frame, column[number]] = sample
-        there[frame, column[number]] = True
+    for sample, (frame, owner) in zip(samples, owners, strict=True):
+        bodies[frame, column[owner]] = sample
+        there[frame, column[owner]] = True
     bodies, numbers, joined = _join(bodies, there, numbers)
     # What the sensor lost is a gap; it reports a place for it all the same.
     state = bodies[..., 3]
@@ -95,9 +94,9 @@ def read(file: Path) -> Recording:
 def _body(lines: Iterator[tuple[int, str]], rows: Numbers, file: Path) -> str:
     """Read one body's joints; its tracking number is returned."""
     at, line = next(lines, (0, ""))
-    number = (line.split() or [""])[0]
+    body = (line.split() or [""])[0]
     # The reference reader takes the number as an integer; what else stands here is damage.
-    if not number.lstrip("-").isdigit():
+    if not body.lstrip("-").isdigit():
         raise ClipError(f"{file}: {_line(at)}: a body's tracking number expected.")
     joints = _count(lines, file, "joints", _JOINTS)
     if joints != _JOINTS:
@@ -106,12 +105,12 @@ def _body(lines: Iterator[tuple[int, str]], rows: Numbers, file: Path) -> str:
         at, line = next(lines, (0, ""))
         cells = line.split()
         try:
-            x, y, z = (float(cell) for cell in cells[:3])
-            state = float(cells[_COLUMNS - 1]) if len(cells) >= _COLUMNS else 2.0
+            x, y, z = map(number, cells[:3])
+            state = number(cells[_COLUMNS - 1]) if len(cells) >= _COLUMNS else 2.0
         except ValueError as error:
             raise ClipError(f"{file}: {_line(at)}: a joint's x y z expected: {error}.") from error
         rows.add((x, y, z, state))
-    return number[:20]
+    return body[:20]
 
 
 def _count(lines: Iterator[tuple[int, str]], file: Path, what: str, most: int) -> int:

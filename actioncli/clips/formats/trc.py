@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from actioncli.clips.formats.files import Numbers, frame_rate, parsed, text_lines
+from actioncli.clips.formats.files import Numbers, frame_rate, number, parsed, text_lines
 from actioncli.clips.recording import MOST_JOINTS, Recording
 from actioncli.errors import ClipError
 
@@ -98,7 +98,7 @@ def _is_axes(cells: list[str]) -> bool:
 def _rate(stated: str, times: list[float]) -> float | None:
     """The stated frame rate, or the one that the times give."""
     try:
-        rate = float(stated)
+        rate = number(stated)
     except ValueError:
         rate = 0.0
     if np.isfinite(rate) and rate > 0:

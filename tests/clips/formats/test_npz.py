@@ -40,13 +40,39 @@ def test_a_single_unnamed_array(tmp_path: Path) -> None:
     assert read(tmp_path / "b.npz").positions.shape == (40, 1, 15, 3)
 
 
-def test_confidence(tmp_path: Path) -> None:
-    confidence = np.linspace(-0.5, 2, 600).reshape(40, 15)
-    confidence[0, 0] = np.nan
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [
+        (0, 1.02, []),
+        (-0.5, 1, ["confidence is negative for 33.3% of the joint positions"]),
+        (0, 97, ["confidence reaches 97 instead of 1: taken for parts of 100"]),
+        (0, 2.5, ["confidence reaches 2.5 instead of 1: of which more than 1 counts as 1"]),
+        (0, 4000, ["confidence reaches 4e+03 instead of 1: of which more than 1 counts as 1"]),
+        (np.nan, np.nan, ["confidence is NaN for 100.0% of the joint positions"]),
+        (-1, 97, ["confidence is negative", "confidence reaches 97"]),
+    ],
+)
+def test_confidence_that_is_none_is_told(
+    tmp_path: Path, low: float, high: float, told: list[str]
+) -> None:
+    confidence = np.linspace(low, high, 600).reshape(40, 15)
     recording = read(write_npz(tmp_path / "a.npz", waving(), confidence=confidence))
     assert recording.confidence is not None
     assert recording.confidence.shape == (40, 1, 15)
-    assert (recording.confidence.min(), recording.confidence.max()) == (0, 1)
+    assert recording.confidence.min() >= 0
+    assert recording.confidence.max() <= 1
+    assert len(recording.notes) == len(told)
+    assert all(note.startswith(start) for note, start in zip(recording.notes, told, strict=True))
+    if high == 97:
+        assert recording.confidence.max() == np.float32(0.97)
+
+
+def test_confidence_in_steps_and_where_nobody_is(tmp_path: Path) -> None:
+    body, steps = waving(), np.tile(np.arange(15) % 4, (40, 1))
+    recording = read(write_npz(tmp_path / "a.npz", body, confidence=steps))
+    np.testing.assert_array_equal(recording.confidence[:, 0], (steps / 3).astype(np.float32))
+    body[3], steps = np.nan, np.where(np.arange(40)[:, None] == 3, np.nan, 1.0) * np.ones(15)
+    assert read(write_npz(tmp_path / "b.npz", body, confidence=steps)).notes == ()
 
 
 @pytest.mark.parametrize(
