@@ -18,7 +18,7 @@ from actioncli.training.negatives import SHARES, apart, backwards, negatives
 
 # Of two performances of one action, how much nearer than these a negative may not be to the
 # recording that it was made of: nearer, the change left the motion as it was.
-_CHANGED = 0.4
+CHANGED = 0.4
 # Two actions of a task that are nearer than this share of what performances of one action are
 # apart are taken for one motion.
 _ALIKE = 0.4
@@ -43,7 +43,12 @@ class Task:
 
 
 class Tasks:
-    """Draws tasks from a training set."""
+    """Draws tasks from a training set.
+
+    Attributes:
+        clips: all of them, prepared.
+        typical: how far performances of one action are apart, the median over classes.
+    """
 
     def __init__(self, data: TrainingSet, preparation: Preparation, device: str = "cpu") -> None:
         """Prepare all clips once.
@@ -70,7 +75,7 @@ class Tasks:
             shares.append(share * len(labels) ** 0.5 if len(labels) > 4 else 0.0)
             self._weight |= dict.fromkeys(labels, share / len(labels) ** 0.5)
         self._sources = np.array(shares) / max(sum(shares), 1e-9)
-        self._typical = self._median_apart(data)
+        self.typical = self._median_apart(data)
 
     def _median_apart(self, data: TrainingSet) -> Tensor:
         """How far performances of one action are apart, the median over classes."""
@@ -125,7 +130,7 @@ class Tasks:
         )
         made = negatives(source, kind, chance)
         # Of another's performance the negative must also be farther than that performance was.
-        far = apart(made, source) > _CHANGED * self._typical
+        far = apart(made, source) > CHANGED * self.typical
         far &= apart(made, supports) > apart(queries, supports)
         return Task(supports, queries, same, made, far)
 
