@@ -31,13 +31,13 @@ def in_view(body: Body | None) -> bool:
 
 
 def record(
-    settings: Settings, source: int | str, seconds: float, quality: str, hands: bool = True
+    settings: Settings, source: int | str, seconds: float, quality: str, hands: bool | None = None
 ) -> Clip:
     """Record one clip.
 
     Args:
         source: number of the camera, or an address.
-        hands: look for hands, too.
+        hands: look for hands; None: see `hands.hand_finder`.
 
     Raises:
         ClipError: no camera, it stops too soon, or the body is not in view.

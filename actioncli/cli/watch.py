@@ -48,7 +48,7 @@ def watch(
         ),
     ] = None,
     quality: QualityOption = None,
-    hands: HandsOption = True,
+    hands: HandsOption = None,
     weights: WeightsOption = None,
 ) -> None:
     """Tell every enrolled action that somebody performs.

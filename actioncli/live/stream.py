@@ -13,7 +13,7 @@ from actioncli.errors import ClipError
 from actioncli.pose.camera import LiveSource
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import Frame, VideoFile
-from actioncli.pose.hands import HandFinder
+from actioncli.pose.hands import hand_finder
 from actioncli.pose.landmarks import Body, LandmarkEstimator
 from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.tracker import Tracker
@@ -28,15 +28,15 @@ class PoseStream:
         body: what was seen in the last frame; None if nobody.
     """
 
-    def __init__(self, quality: str, seconds: float, hands: bool = True) -> None:
+    def __init__(self, quality: str, seconds: float, hands: bool | None = None) -> None:
         """Load the networks.
 
         Args:
             quality: "fast" or "accurate".
             seconds: how much to remember.
-            hands: look for hands, too.
+            hands: look for hands; None: see `hands.hand_finder`.
         """
-        finder = HandFinder() if hands else None
+        finder = hand_finder(hands)
         self._tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), 1, finder)
         self._seconds = seconds
         self._frames: list[float] = []
@@ -86,7 +86,7 @@ class VideoStream:
     seen = False
 
     def __init__(
-        self, source: int | str | Path, quality: str, seconds: float, hands: bool = True
+        self, source: int | str | Path, quality: str, seconds: float, hands: bool | None = None
     ) -> None:
         """Open the source; of it so many seconds are remembered.
 

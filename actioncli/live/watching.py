@@ -58,7 +58,7 @@ def watch(
     tau: float | None = None,
     *,
     quality: str = DEFAULT_QUALITY,
-    hands: bool = True,
+    hands: bool | None = None,
     recorder: Recorder | None = None,
     on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
     note: Callable[[str], None] | None = None,
@@ -74,7 +74,7 @@ def watch(
         support: what is enrolled.
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         quality: pose network, "fast" or "accurate".
-        hands: look for hands, too.
+        hands: look for hands; None: see `hands.hand_finder`.
         recorder: keeps the clips of events and near misses.
         on_frame: called after each frame, with its time.
         note: called at the end with what a person should know.
