@@ -67,8 +67,8 @@ def record(
     if frames < 2 or clip is None or missed > _MOST_MISSED * frames:
         raise ClipError(
             f"camera {source}: the body was not in view in {missed} of {frames} frames; nothing is "
-            "enrolled. Step back until head and hands, and feet if they take part, are in the picture, "
-            "and see to light."
+            "enrolled. Step back until head and hands, and feet if they take part, are in the "
+            "picture, and see to light."
         )
     kept = min(round(seconds * clip.fps) + 1, len(clip))
     confidence = None if clip.confidence is None else np.array(clip.confidence[-kept:])
