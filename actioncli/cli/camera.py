@@ -15,31 +15,23 @@ from actioncli.live.stream import PoseStream
 from actioncli.pose.camera import open_source
 from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.poses import LONGEST_GAP
-from actioncli.pose.sides import LIMBS
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.pose.landmarks import Body
 
 COUNTDOWN = 3.0
-# The limbs must be visible on average, and the person in view almost all the time.
-_LEAST_VISIBLE = 0.5
+# The person must be in view almost all the time.
 _MOST_MISSED = 0.2
 
 
-def in_view(body: Body | None) -> bool:
-    """Whether most of the body can be seen."""
-    return body is not None and float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
-
-
 def record(
-    settings: Settings, source: str, seconds: float, quality: str, hands: bool = True
+    settings: Settings, source: str, seconds: float, quality: str, hands: bool | None = None
 ) -> Clip:
     """Record one clip.
 
     Args:
         source: see `open_source`; no file.
-        hands: look for hands, too.
+        hands: look for hands; None: see `hands.hand_finder`.
 
     Raises:
         ClipError: no camera, it stops too soon, or the body is not in view.
@@ -62,7 +54,7 @@ def record(
             if frames and frame.time > start + seconds:
                 break
             poses.add(frame)
-            seen = in_view(poses.body)
+            seen = poses.body is not None and poses.body.in_view
             if frame.time >= start:
                 frames += 1
                 missed += not seen
@@ -83,7 +75,8 @@ def record(
     if frames < 2 or clip is None or missed > _MOST_MISSED * frames:
         raise ClipError(
             f"{name}: the body was not in view in {missed} of {frames} frames; nothing is "
-            "enrolled. Step back until head, hands and feet are in the picture, and see to light."
+            "enrolled. Step back until head and hands, and feet if they take part, are in the "
+            "picture, and see to light."
         )
     kept = min(round(seconds * clip.fps) + 1, len(clip))
     confidence = None if clip.confidence is None else np.array(clip.confidence[-kept:])

@@ -117,7 +117,11 @@ CacheOption = Annotated[
     bool, typer.Option("--cache/--no-cache", help="Keep poses of videos for the next time.")
 ]
 HandsOption = Annotated[
-    bool, typer.Option("--hands/--no-hands", help="Look for hands in videos and cameras, too.")
+    bool | None,
+    typer.Option(
+        "--hands/--no-hands",
+        help="Look for hands in videos and cameras.  [default: where legs are out of view]",
+    ),
 ]
 
 PoseOption = Annotated[
@@ -144,7 +148,7 @@ def read_options(
     quality: QualityOption = None,
     person: PersonOption = None,
     cache: CacheOption = True,
-    hands: HandsOption = True,
+    hands: HandsOption = None,
     pose: PoseOption = "blazepose",
     pose_model: PoseModelOption = None,
 ) -> ReadOptions:

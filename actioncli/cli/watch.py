@@ -116,7 +116,7 @@ def watch(
         ),
     ] = RETRY_SECONDS,
     quality: QualityOption = None,
-    hands: HandsOption = True,
+    hands: HandsOption = None,
     weights: WeightsOption = None,
     force: ForceOption = False,
 ) -> None:

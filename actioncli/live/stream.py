@@ -14,7 +14,7 @@ from actioncli.pose import RETRY_SECONDS
 from actioncli.pose.camera import LiveSource, open_source
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import Frame, VideoFile
-from actioncli.pose.hands import HandFinder
+from actioncli.pose.hands import hand_finder
 from actioncli.pose.landmarks import Body, LandmarkEstimator
 from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.tracker import Tracker
@@ -29,15 +29,15 @@ class PoseStream:
         body: what was seen in the last frame; None if nobody.
     """
 
-    def __init__(self, quality: str, seconds: float, hands: bool = True) -> None:
+    def __init__(self, quality: str, seconds: float, hands: bool | None = None) -> None:
         """Load the networks.
 
         Args:
             quality: "fast" or "accurate".
             seconds: how much to remember.
-            hands: look for hands, too.
+            hands: look for hands; None: see `hands.hand_finder`.
         """
-        finder = HandFinder() if hands else None
+        finder = hand_finder(hands)
         self._networks = PersonDetector(), LandmarkEstimator(quality), 1, finder
         self._tracker = Tracker(*self._networks)
         self._seconds = seconds
@@ -107,7 +107,7 @@ class VideoStream:
         source: int | str | Path,
         quality: str,
         seconds: float,
-        hands: bool = True,
+        hands: bool | None = None,
         retry: float = RETRY_SECONDS,
         note: Callable[[str], None] = lambda line: None,
     ) -> None:

@@ -67,7 +67,7 @@ def watch(
     *,
     each: bool = True,
     quality: str = DEFAULT_QUALITY,
-    hands: bool = True,
+    hands: bool | None = None,
     retry: float = RETRY_SECONDS,
     recorder: Recorder | None = None,
     on_frame: Callable[[float, Stream, EventDetector], None] | None = None,
@@ -86,7 +86,7 @@ def watch(
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         each: tell each repetition when it ends; else a set of them, once nothing follows.
         quality: pose network, "fast" or "accurate".
-        hands: look for hands, too.
+        hands: look for hands; None: see `hands.hand_finder`.
         retry: seconds for which a camera or a stream that breaks is opened again.
         recorder: keeps the clips of events and near misses.
         on_frame: called after each frame, with its time.

@@ -11,6 +11,7 @@ from actioncli.clips.clip import FloatArray
 from actioncli.pose.estimator import Estimator
 from actioncli.pose.networks import LANDMARKS, sigmoid
 from actioncli.pose.region import Region
+from actioncli.pose.sides import ARMS, LIMBS
 
 SIDE = 256
 LANDMARK_COUNT = 33
@@ -19,6 +20,8 @@ CENTRE_POINT, SCALE_POINT = 33, 34
 ALL_POINTS = 39
 HEAT_KERNEL = 9
 LEAST_HEAT = 0.5
+# Limbs of this mean visibility are in view.
+LEAST_VISIBLE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +42,12 @@ class Body:
     visibility: FloatArray
     world: FloatArray
     ends: FloatArray
+
+    @property
+    def in_view(self) -> bool:
+        """Whether most of the limbs can be seen, or both arms, as at a desk."""
+        means = (float(self.visibility[limbs].mean()) for limbs in (LIMBS, ARMS))
+        return max(means) >= LEAST_VISIBLE
 
 
 class LandmarkEstimator(Estimator[Body]):

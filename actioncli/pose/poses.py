@@ -85,8 +85,8 @@ class Poses:
         return [(float(self.times[i]), float(self.times[i + 1])) for i in steps]
 
     def to_clip(self, source: str, notes: Sequence[str] = ()) -> Clip:
-        """The skeleton as a clip in layout `blazepose_33`, or `holistic_75` where hands were looked
-        for, at a constant frame rate.
+        """The skeleton as a clip in layout `blazepose_33`, or `holistic_75` where a hand was seen,
+        at a constant frame rate.
 
         Sides are settled, positions smoothed as the reference does, and brought from the frames'
         own times to even ones; in between frames that lack the person, confidence is 0.
@@ -110,7 +110,9 @@ class Poses:
         even = even.clip(max=self.times[-1])
         joints = resample(_smoothed(world[:, :LANDMARK_COUNT], self.times), self.times, even)
         confidence = resample(visibility, self.times, even)
-        if world.shape[1] > LANDMARK_COUNT:
+        if not visibility[:, LANDMARK_COUNT:].any():
+            confidence = confidence[:, :LANDMARK_COUNT]
+        else:
             hands = [
                 joints[:, [wrist]]
                 + _hand(world[:, own], visibility[:, own.start] > 0, self.times, even)

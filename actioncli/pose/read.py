@@ -37,7 +37,7 @@ class ReadOptions:
     quality: str | None = None
     person: int | None = None
     cache: bool = True
-    hands: bool = True
+    hands: bool | None = None
     metrabs: PoseModel | None = None
 
     @property
@@ -73,7 +73,7 @@ def read_clip(
     quality: str | None = None,
     person: int | None = None,
     cache: bool = True,
-    hands: bool = True,
+    hands: bool | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Clip:
     """Read one person's clip from a file of joints or a video, whichever its name says.
@@ -88,7 +88,7 @@ def read_clip(
         quality: pose network for videos, "fast" or "accurate".
         person: whom to follow in a video, 1 is the leftmost; whoever moves most where None.
         cache: keep poses of videos for the next time.
-        hands: look for hands in videos, too.
+        hands: look for hands in videos; None: where legs are out of view.
         progress: called now and then while a video is read.
 
     Raises:

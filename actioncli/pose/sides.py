@@ -27,14 +27,14 @@ def _columns(*joints: str) -> list[int]:
     return [JOINT_NAMES.index(side + joint) for joint in joints for side in "lr"]
 
 
-_ARMS = _columns("sho", "elb", "wri")
+ARMS = _columns("sho", "elb", "wri")
 _LEGS = _columns("hip", "kne", "ank")
-LIMBS = _ARMS + _LEGS
+LIMBS = ARMS + _LEGS
 _FIRST_OF_LEGS = JOINT_NAMES.index("lhip")
 _LAST_OF_BODY = len(JOINT_NAMES)
 # (joints that go together, joints whose path is measured); hands hang on the arms.
 _HALVES = (
-    (np.r_[0:_FIRST_OF_LEGS, _LAST_OF_BODY : len(ALL_NAMES)], _ARMS),
+    (np.r_[0:_FIRST_OF_LEGS, _LAST_OF_BODY : len(ALL_NAMES)], ARMS),
     (np.arange(_FIRST_OF_LEGS, _LAST_OF_BODY), _LEGS),
 )
 # Metres of path that an exchanged frame must save: what the network says holds unless it leaps.

@@ -66,7 +66,7 @@ class Track:
         centre, scale = self._steady(body.ends, time, scale=1 / max(2 * reach, 1e-6))
         self.region = Region.around(centre, scale)
         if hands is not None:
-            self._hands = self._hands or HandFollower(hands)
+            self._hands = self._hands or HandFollower(hands, hands.everywhere)
             body = self._hands(image, body, time)
         self.times.append(time)
         self.bodies.append(body)

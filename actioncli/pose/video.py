@@ -15,7 +15,7 @@ from actioncli.errors import ClipError, UsageError
 from actioncli.pose import cache as pose_cache
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import VideoFile
-from actioncli.pose.hands import HandFinder
+from actioncli.pose.hands import hand_finder
 from actioncli.pose.landmarks import LANDMARK_COUNT, LandmarkEstimator
 from actioncli.pose.networks import (
     DETECTOR,
@@ -54,7 +54,7 @@ def read_video_clip(
     cache: bool = True,
     progress: Callable[[Progress], None] | None = None,
     rate: float | None = SAMPLING_RATE,
-    hands: bool = True,
+    hands: bool | None = None,
 ) -> Clip:
     """Read the skeleton of one person from a video.
 
@@ -66,10 +66,10 @@ def read_video_clip(
         cache: use and keep poses of the same content and settings.
         progress: called now and then while frames are looked at.
         rate: poses a second; None: every frame.
-        hands: look for hands, too.
+        hands: look for hands; None: see `hands.hand_finder`.
 
     Returns:
-        A clip in layout `holistic_75`, or `blazepose_33` without `hands`; confidence is visibility.
+        A clip in layout `holistic_75`, or `blazepose_33` without hands; confidence is visibility.
         Its notes tell the part that was used, gaps, and whatever is doubtful.
 
     Raises:
@@ -118,7 +118,7 @@ def read_poses(
     cache: bool = True,
     progress: Callable[[Progress], None] | None = None,
     rate: float | None = SAMPLING_RATE,
-    hands: bool = True,
+    hands: bool | None = None,
 ) -> Poses:
     """What `read_video_clip` makes its clip of; arguments and errors are the same."""
     if quality not in LANDMARKS:
@@ -129,7 +129,9 @@ def read_poses(
     if person is not None and person < 1:
         raise UsageError(f"--person counts from 1, {person} is nobody.")
     video = VideoFile(path)
-    networks = [DETECTOR, LANDMARKS[quality], *((HAND_CROP, HAND_LANDMARKS) if hands else ())]
+    networks = [DETECTOR, LANDMARKS[quality]]
+    if hands is not False:
+        networks += [HAND_CROP, HAND_LANDMARKS]
     settings = {
         "networks": [shipped_checksum(network) for network in networks],
         # 2 and 2.0 are the same time.
@@ -137,6 +139,7 @@ def read_poses(
         "end": None if end is None else float(end),
         "person": person,
         "rate": None if rate is None else float(rate),
+        "hands": hands,
     }
     key = pose_cache.cache_key(path, settings) if cache else ""
     found = pose_cache.load(key) if cache else None
@@ -155,10 +158,9 @@ def _estimate(
     person: int | None,
     progress: Callable[[Progress], None] | None,
     rate: float | None,
-    hands: bool,
+    hands: bool | None,
 ) -> Poses:
-    finder = HandFinder() if hands else None
-    tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), hands=finder)
+    tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), hands=hand_finder(hands))
     total = min(end, video.duration) - start
     times, size = [], (0, 0)
     for frame in video.frames(start, end, rate):

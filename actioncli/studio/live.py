@@ -24,7 +24,7 @@ from actioncli.pose.annotate import bones
 from actioncli.pose.camera import LiveSource, open_source
 from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT
-from actioncli.pose.sides import ALL_NAMES, LIMBS
+from actioncli.pose.sides import ALL_NAMES
 from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.recognition.support import SupportSet
 from actioncli.studio.guard import SUBPROTOCOL
@@ -34,8 +34,6 @@ from actioncli.studio.support import SharedSupport
 # A message is the picture's time, in seconds, as a little-endian double, and the picture as JPEG.
 _TIME = struct.Struct("<d")
 _JPEG = b"\xff\xd8\xff"
-# Below this mean visibility of the limbs, most of the body is out of the picture.
-_LEAST_VISIBLE = 0.5
 # Pixels of a picture that is sent.
 _WIDTH = 640
 # Seconds of poses that are remembered while nothing is enrolled.
@@ -113,7 +111,7 @@ class Camera:
         body, (width, height) = self._poses.body, self._poses.size
         shown: dict[str, Any] = {"seen": body is not None, "whole": False, "points": None}
         if body is not None:
-            shown["whole"] = float(body.visibility[LIMBS].mean()) >= _LEAST_VISIBLE
+            shown["whole"] = body.in_view
             shown["points"] = [
                 [round(float(x) / width, 4), round(float(y) / height, 4), round(float(sure), 2)]
                 for (x, y), sure in zip(body.points, body.visibility, strict=False)

@@ -52,7 +52,7 @@ def test_enroll_and_classify_a_video(
     assert done.exit_code == 0, done.stderr
     assert "wave.mp4 added as example 1 (14 frames, 1.3 s)" in done.stdout
     (example,) = store.examples()
-    assert (example.joints, example.source) == (75, "wave.mp4")
+    assert (example.joints, example.source) == (33, "wave.mp4")
     assert "already there" in invoke("enroll", "wave", waving, *part).stdout
     assert ask("classify", waving, *part)["clips"][0]["nearest"] == "wave"
     measured = ask("calibrate", "--negatives", waving.parent, "--dry-run")["unknown"]
@@ -78,7 +78,7 @@ def test_a_video_is_looked_at_once_and_drawn(
 @pytest.mark.parametrize("kind", ["npz", "json", "trc", "csv"])
 def test_extract(invoke: Invoke, waving: Path, tmp_path: Path, kind: str) -> None:
     file = tmp_path / f"wave.{kind}"
-    done = invoke("extract", waving, "-o", file, "--start", 0)
+    done = invoke("extract", waving, "-o", file, "--start", 0, "--hands")
     assert done.exit_code == 0, done.stderr
     assert "20 frames, 1.9 s" in done.stdout
     clip = read_clip(file, up="y")
@@ -531,6 +531,6 @@ def test_the_commands_of_the_readme(
         codes = {"classify": (0, 1), "watch": (3,)}.get(name, (0,))
         assert done.exit_code in codes, (line, done.stderr)
     assert VideoFile(tmp_path / "seen.mp4").announced > 20
-    assert read_clip(tmp_path / "squat.npz").joints.shape[1] == 75
+    assert read_clip(tmp_path / "squat.npz").joints.shape[1] == 33
     labels = json.loads(invoke("list-support", "--json").stdout)["actions"]
     assert {"squat", "wave"} <= {action["label"] for action in labels}

@@ -16,6 +16,7 @@ from actioncli.pose.hands import (
     Hand,
     HandFinder,
     HandFollower,
+    hand_finder,
     region_of_arm,
     region_of_hand,
     still_there,
@@ -111,6 +112,18 @@ def test_no_hand_is_seen_on_grey_and_none_looked_for_without_a_wrist() -> None:
             assert not body.visibility[own].any()
             np.testing.assert_array_equal(body.points[own], np.tile(body.points[wrist], (21, 1)))
             np.testing.assert_array_equal(body.world[own], np.tile(body.world[wrist], (21, 1)))
+
+
+def test_unasked_hands_are_looked_for_where_legs_are_out_of_view() -> None:
+    looked = []
+    for ankles in (0.9, 0.05):
+        body = somebody(0.9)
+        body.visibility[27:29] = ankles
+        follow = HandFollower(lambda *given: looked.append(given), everywhere=False)
+        follow(np.zeros((9, 9, 3), np.uint8), body, 0.0)
+        assert len(looked) == (0 if ankles > 0.5 else 2)
+    found = [hand_finder(asked) for asked in (None, True, False)]
+    assert [find and find.everywhere for find in found] == [False, True, None]
 
 
 @pytest.fixture(scope="module")

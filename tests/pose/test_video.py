@@ -40,7 +40,7 @@ def waving_video(waving: list[Image], tmp_path_factory: pytest.TempPathFactory) 
 
 def test_clip_of_a_person(waving_video: Path) -> None:
     clip = read_video_clip(waving_video, start=0)
-    assert clip.joint_names == LAYOUTS["holistic_75"]
+    assert clip.joint_names == LAYOUTS["blazepose_33"]  # his legs are in view
     assert clip.fps == pytest.approx(10, rel=0.01)
     assert len(clip) == 24
     assert clip.confidence is not None
@@ -61,7 +61,7 @@ def test_the_same_every_time(waving_video: Path) -> None:
 
 def test_qualities_agree(waving_video: Path) -> None:
     fast, accurate = (
-        read_video_clip(waving_video, start=0, end=0.7, quality=quality, hands=False)
+        read_video_clip(waving_video, start=0, end=0.7, quality=quality)
         for quality in ("fast", "accurate")
     )
     assert not np.array_equal(fast.joints, accurate.joints)
@@ -69,9 +69,8 @@ def test_qualities_agree(waving_video: Path) -> None:
 
 
 def test_fewer_frames_show_the_same(waving_video: Path) -> None:
-    every = read_video_clip(waving_video, start=0, rate=None, hands=False)
-    half = read_video_clip(waving_video, start=0, rate=5, hands=False)
-    assert half.joint_names == LAYOUTS["blazepose_33"]
+    every = read_video_clip(waving_video, start=0, rate=None)
+    half = read_video_clip(waving_video, start=0, rate=5)
     assert half.fps == pytest.approx(5, rel=0.01)
     assert half.duration == pytest.approx(every.duration, abs=0.21)
     away = np.linalg.norm(half.joints[:10] - every.joints[:20:2], axis=2)
@@ -95,8 +94,9 @@ def test_poses_are_kept_for_the_content(
     assert again.source == str(renamed)
     read_video_clip(waving_video, start=0, end=0.6)
     assert len(list(cache.cache_folder().glob("*.npz"))) == 2
-    without = read_video_clip(waving_video, start=0, end=0.5, hands=False)
-    np.testing.assert_array_equal(without.joints, first.joints[:, :33])
+    with_hands = read_video_clip(waving_video, start=0, end=0.5, hands=True)
+    assert with_hands.joint_names == LAYOUTS["holistic_75"]
+    np.testing.assert_array_equal(with_hands.joints[:, :33], first.joints)
     kept.write_bytes(b"damaged")
     restored = read_video_clip(waving_video, start=0, end=0.5)
     np.testing.assert_array_equal(first.joints, restored.joints)

@@ -170,7 +170,7 @@ export class Camera {
     this.times = [...this.times.slice(-RATED), now];
     const rate = (1000 * (this.times.length - 1)) / Math.max(now - this.times[0], 1);
     const view = !answer.seen ? "Nobody is in view" : answer.whole
-      ? "The body is in view" : "Step back until head, hands and feet are in the picture";
+      ? "The body is in view" : "Step back until head and hands, and feet if they take part, are in the picture";
     const slow = this.times.length > 5 && rate < SLOW ? ", too few to follow: this machine is busy" : "";
     byId("view").textContent = `${view}, ${rate.toFixed(rate < SLOW ? 1 : 0)} pictures/s${slow}`;
     for (const event of answer.events ?? []) {
