@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,12 +23,19 @@ def tell_notes(settings: Settings, path: Path | str, notes: Sequence[str]) -> No
         settings.tell(f"note: {printable(path)}: {printable(line)}")
 
 
-def check_output(output: Path, inputs: Iterable[Path] = (), force: bool = True) -> None:
+def check_output(
+    output: Path,
+    inputs: Iterable[Path] = (),
+    force: bool = True,
+    own: Callable[[Path], bool] | None = None,
+) -> None:
     """Refuse, before any work, to write where no file can be, or over what is not to be lost.
 
     Args:
         inputs: files that are read; none of them is written over, by whatever name.
-        force: write over another file, too. A page that this tool made is always written anew.
+        force: write over another file, too.
+        own: whether this tool wrote the file that is there, which then may be written anew; a page
+            of its own where None.
 
     Raises:
         UsageError: there is no such folder, a folder has this name, or such a file stands there.
@@ -40,7 +47,7 @@ def check_output(output: Path, inputs: Iterable[Path] = (), force: bool = True) 
     for file in inputs:
         if output == file or (output.exists() and file.exists() and output.samefile(file)):
             raise UsageError(f"{output}: is {file} itself; it is not written over.")
-    if not force and output.is_file() and not _is_own_page(output):
+    if not force and output.is_file() and not (own or _is_own_page)(output):
         raise UsageError(f"{output}: stands there; --force writes over it.")
 
 

@@ -11,7 +11,7 @@ import typer
 
 from actioncli.cli.command import Settings, command
 from actioncli.cli.common import check_output, tell_notes
-from actioncli.cli.options import WeightsOption
+from actioncli.cli.options import ForceOption, WeightsOption
 from actioncli.cli.output import printable, progress, say, steps, table, write_json
 from actioncli.errors import UsageError
 
@@ -86,6 +86,7 @@ def evaluate(
         ),
     ] = False,
     weights: WeightsOption = None,
+    force: ForceOption = False,
     json: Annotated[
         Path | None,
         typer.Option(
@@ -147,7 +148,7 @@ def evaluate(
     if json is not None and not to_stdout:
         if str(json).startswith("-"):
             raise UsageError("--json needs a file here, or - for standard output.")
-        check_output(json)
+        check_output(json, collections, force, _is_document)
 
     parts = read_splits(splits) if splits else None
     read = _read(settings, collections)
@@ -224,6 +225,15 @@ def _numbers(ways: str | None) -> tuple[int, ...]:
     if min(numbers) < 1:
         raise UsageError(f"--ways must be numbers from 1 such as 5,10,15, not {ways!r}.")
     return numbers
+
+
+def _is_document(file: Path) -> bool:
+    """Whether an evaluation was written there."""
+    try:
+        with file.open(encoding="utf-8", errors="replace") as text:
+            return text.read(100).replace(" ", "").replace("\n", "").startswith('{"scorer":')
+    except OSError:
+        return False
 
 
 def _write_document(file: Path, document: Mapping[str, object]) -> None:

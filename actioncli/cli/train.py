@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from actioncli.cli.command import Settings, command
+from actioncli.cli.common import check_output
+from actioncli.cli.options import ForceOption
 from actioncli.cli.output import note, printable, progress, say, write_json
 from actioncli.cli.output import steps as progress_steps
-from actioncli.errors import UsageError
+from actioncli.errors import UsageError, WeightsError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -53,6 +55,7 @@ def train(
     device: Annotated[
         str, typer.Option(metavar="NAME", help="Where PyTorch computes; cuda: a graphics card.")
     ] = "cpu",
+    force: ForceOption = False,
 ) -> None:
     """Train a model on recordings of actions by several people.
 
@@ -73,8 +76,7 @@ def train(
     """
     if find_spec("torch") is None:
         raise UsageError("training needs PyTorch: pip install 'actioncli[train]'.")
-    if out.is_dir():
-        raise UsageError(f"{out}: is a folder; name a file in it.")
+    check_output(out, collections, force, _is_weights)
     import torch
 
     from actioncli.clips.collection import read_collection
@@ -129,6 +131,16 @@ def train(
             f"accuracy {best['closed_accuracy']:.3f}, AUROC {best['auroc']:.3f}, "
             f"OSCR {best['oscr']:.3f}; {seconds / 60:.0f} min"
         )
+
+
+def _is_weights(file: Path) -> bool:
+    from actioncli.model.weights import read_weights
+
+    try:
+        read_weights(file)
+    except WeightsError:
+        return False
+    return True
 
 
 @contextmanager

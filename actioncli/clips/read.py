@@ -33,7 +33,7 @@ from actioncli.errors import AmbiguousClipError, ClipError, UsageError
 # Suffix to the module of `actioncli.clips.formats` that reads it.
 _FORMATS = {
     ".npy": "npy", ".npz": "npz", ".json": "json_file", ".csv": "csv_file", ".skeleton": "ntu",
-    ".trc": "trc", ".bvh": "bvh",
+    ".trc": "trc", ".bvh": "bvh", ".c3d": "c3d",
 }  # fmt: skip
 CLIP_SUFFIXES = tuple(_FORMATS)
 # Formats that are not read, and what makes a file of them that is.
@@ -41,8 +41,6 @@ CONVERTERS = {
     ".fbx": "save it as .bvh with Blender (File, Export, Motion Capture) or Autodesk FBX Converter",
     ".mot": "it holds angles; OpenSim's Point Kinematics or Analyze tool gives positions: save "
     "them, or the markers, as .trc",
-    ".c3d": "save its markers as .trc with Mokka, or with ezc3d and numpy.savez (joints, "
-    "joint_names, fps, unit)",
     ".pkl": "pickles may run any program and are never loaded; save the array joints3d by "
     "numpy.savez",
 }
@@ -154,9 +152,20 @@ def _matching(pattern: Path, suffixes: Sequence[str]) -> Iterable[Path]:
 def _clips_below(folder: Path, suffixes: Sequence[str]) -> Iterable[Path]:
     for root, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
+        numbered = any(name.endswith(".npy") and name[0].isdigit() for name in files)
+        if numbered and ".npy" in suffixes and _is_sequence(Path(root)):
+            yield Path(root)
+            files = [name for name in files if not name.endswith(".npy")]
         for name in files:
             if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
                 yield Path(root, name)
+
+
+def _is_sequence(folder: Path) -> bool:
+    """Whether a folder is one clip, a file a frame."""
+    from actioncli.clips.formats.npy import is_sequence
+
+    return is_sequence(folder)
 
 
 def _check_options(
@@ -180,6 +189,10 @@ def _read(file: Path) -> Recording:
     from actioncli.clips.formats.files import check_file
 
     suffix = file.suffix.lower()
+    if suffix not in _FORMATS and _is_sequence(file):
+        from actioncli.clips.formats.npy import read_sequence
+
+        return read_sequence(file)
     beginning = check_file(file, CLIP_SUFFIXES)
     if suffix in CONVERTERS:
         raise ClipError(f"{file}: {suffix} is not read; {CONVERTERS[suffix]}.")

@@ -94,6 +94,12 @@ LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "lhip lkne lank lfoo rhip rkne rank rfoo spineshoulder lhandtip lthu rhandtip rthu",
             "blazepose_33": _BLAZEPOSE,
             "holistic_75": " ".join((_BLAZEPOSE, *HAND_JOINTS)),
+            # OpenPose's 25, then 24 of data sets, as SPIN, VIBE and PyMAF give them.
+            "spin_49": "nose neck rsho relb rwri lsho lelb lwri pelv rhip rkne rank lhip lkne lank "
+            "reye leye rear lear lbigtoe lsmalltoe lheel rbigtoe rsmalltoe rheel "
+            "rank_lsp rkne_lsp rhip_lsp lhip_lsp lkne_lsp lank_lsp rwri_lsp relb_lsp rsho_lsp "
+            "lsho_lsp lelb_lsp lwri_lsp neck_lsp htop pelv_mpii thor spin jaw head nose_coco "
+            "leye_coco reye_coco lear_coco rear_coco",
             "default_15": _DEFAULT_15,
         }.items()
     }
@@ -108,19 +114,25 @@ LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 _SIDED: Mapping[str, tuple[str, ...]] = {
     "hip": ("{s}hjc", "{s}hip", "hip{s}", "{s}upleg", "upleg{s}", "upperleg{s}", "{s}upperleg",
             "thigh{s}", "{s}thigh", "{s}thighbend", "{s}hipjoint", "hipjoint{s}", "{s}asis",
-            "{s}asi"),
+            "{s}asi", "{s}ias"),
     "kne": ("{s}kjc", "{s}kne", "{s}knee", "knee{s}", "{s}leg", "leg{s}", "lowerleg{s}",
-            "{s}lowerleg", "{s}lowleg", "calf{s}", "{s}calf", "shin{s}", "{s}shin"),
-    "ank": ("{s}ajc", "{s}ank", "{s}ankle", "ankle{s}", "{s}foot", "foot{s}", "{s}foo"),
+            "{s}lowerleg", "{s}lowleg", "calf{s}", "{s}calf", "shin{s}", "{s}shin",
+            "{s}kneelat {s}kneemed", "{s}kneelat", "{s}lfc {s}mfc", "{s}fle {s}fme", "{s}fle"),
+    "ank": ("{s}ajc", "{s}ank", "{s}ankle", "ankle{s}", "{s}anklelat {s}anklemed", "{s}anklelat",
+            "{s}lmal {s}mmal", "{s}fal {s}tam", "{s}fal", "{s}foot", "foot{s}", "{s}foo"),
     "sho": ("{s}sjc", "{s}sho", "{s}arm", "arm{s}", "upperarm{s}", "{s}upperarm", "{s}uparm",
-            "{s}shldr", "{s}shldrbend", "{s}shoulder", "shoulder{s}"),
+            "{s}shldr", "{s}shldrbend", "{s}shoulder", "shoulder{s}", "{s}acromium",
+            "{s}acromion", "{s}acr", "{s}sae"),
     "elb": ("{s}ejc", "{s}elb", "{s}elbow", "elbow{s}", "{s}forearm", "forearm{s}",
-            "lowerarm{s}", "{s}lowerarm", "{s}lowarm", "{s}forearmbend"),
-    "wri": ("{s}wjc", "{s}wri", "{s}wrist", "wrist{s}", "{s}wra {s}wrb", "{s}hand", "hand{s}",
-            "{s}han"),
+            "lowerarm{s}", "{s}lowerarm", "{s}lowarm", "{s}forearmbend",
+            "{s}elbowlat {s}elbowmed", "{s}elbowlat", "{s}lel {s}mel", "{s}hle {s}hme", "{s}hle"),
+    "wri": ("{s}wjc", "{s}wri", "{s}wrist", "wrist{s}", "{s}wra {s}wrb", "{s}wra",
+            "{s}wristlat {s}wristmed", "{s}wristlat", "{s}faradius {s}faulna", "{s}rsp {s}usp",
+            "{s}hand", "hand{s}", "{s}han"),
 }  # fmt: skip
 _HEAD = ("head", "headcenter", "lear rear", "leftear rightear", "earleft earright", "leye reye",
-         "lefteye righteye", "lfhd rfhd lbhd rbhd", "nose", "htop", "headtop")  # fmt: skip
+         "lefteye righteye", "lfhd rfhd lbhd rbhd", "nose", "htop", "headtop", "tophead",
+         "sgl")  # fmt: skip
 _SIDES = {"l": ("left", "l"), "r": ("right", "r")}
 # What modelling programs put before every joint of a rig.
 _RIG_PREFIX = re.compile(r"^(?:mixamorig|bip|ccbase|character)\d*(?=\D)")

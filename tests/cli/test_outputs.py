@@ -5,14 +5,18 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from actioncli import SupportStore
 from actioncli.cli.extract import _targets
+from actioncli.cli.train import _is_weights
 from actioncli.errors import UsageError
+from actioncli.files import weights_file
+from actioncli.model.weights import DEFAULT_WEIGHTS
 from tests.forking import files_up_to
 
-from .conftest import EXAMPLES, Ask, Invoke
+from .conftest import EXAMPLES, Ask, Invoke, write_collection
 
 SQUAT = EXAMPLES / "squat/ada.npz"
 
@@ -123,3 +127,36 @@ def test_weights_of_ones_own_are_named(
     assert f"weights: {own} ({usual})" in result.stderr
     assert "weights: " not in invoke("classify", SQUAT).stderr
     assert ask("enroll", "squat", SQUAT)["weights"] == usual
+
+
+def test_figures_and_weights_go_over_their_own_kind_only(
+    invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_collection(tmp_path / "a.npz", 6, 3, 2, np.random.default_rng(0))
+    asked = [
+        "evaluate",
+        "a.npz",
+        "--ways",
+        "2",
+        "--episodes",
+        "1",
+        "--baseline",
+        "random",
+        "--json",
+    ]
+    (tmp_path / "mine.json").write_text('{"mine": 1}', encoding="utf-8")
+    for file in ("mine.json", "a.npz"):
+        before = (tmp_path / file).read_bytes()
+        refused = invoke(*asked, file)
+        assert refused.exit_code == 2
+        assert (tmp_path / file).read_bytes() == before
+    assert "--force writes over it" in invoke(*asked, "mine.json").stderr
+    for words in ([*asked, "mine.json", "--force"], [*asked, "mine.json"], [*asked, "new.json"]):
+        assert invoke(*words).exit_code == 0, words
+    pytest.importorskip("torch", reason="needs the extra train")
+    for file in ("new.json", "a.npz"):
+        refused = invoke("train", "a.npz", "--out", file)
+        assert (refused.exit_code, file in refused.stderr) == (2, True)
+    # Weights are written anew, or trained on where a run was interrupted.
+    assert _is_weights(weights_file(DEFAULT_WEIGHTS))

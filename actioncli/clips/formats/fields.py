@@ -15,16 +15,19 @@ from actioncli.errors import ClipError
 
 # Where positions are looked for, best first; MeTRAbs calls them poses3d, a nameless array of
 # numpy.savez is arr_0.
-POSITIONS = ("poses3d", "joints", "joints3d", "arr_0")
+POSITIONS = (
+    "poses3d", "joints", "joints3d", "joints_3d", "smpl_joints3d", "pred_joints3d",
+    "pred_keypoints_3d", "keypoints3d", "keypoints_3d", "arr_0",
+)  # fmt: skip
 NOT_3D = (
     "holds positions in a picture (2D), and recognition needs them in space (3D): give actioncli "
     "the video itself."
 )
 METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 # Values a frame of MediaPipe's pose landmarks (x, y, z, visibility each), alone and followed by
-# those of face and hands.
+# those of hands, or of face and hands.
 _POSE = 33 * 4
-_LANDMARKS = (_POSE, _POSE + 3 * (468 + 2 * 21))
+_LANDMARKS = (_POSE, _POSE + 3 * 2 * 21, _POSE + 3 * (468 + 2 * 21))
 # Confidence beyond 1 that is rounding, and steps such as those of Kinects.
 _ROUNDED, _MOST_STEPS = 1.05, 3
 T = TypeVar("T")

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from actioncli.clips.formats.fields import from_fields
 from actioncli.clips.formats.files import MEGABYTE
-from actioncli.clips.recording import Recording
+from actioncli.clips.recording import LONGEST_CLIP, Recording
 from actioncli.errors import ClipError
 
 MAGIC = b"\x93NUMPY"
 LARGEST_ARRAY = 256 * MEGABYTE
+_NUMBERED = re.compile(r"\d{1,9}\.npy")
 _LONGEST_HEADER = 10_000
 _ENTRY = re.compile(
     r"'(descr|fortran_order|shape)':\s*"
@@ -59,6 +60,36 @@ def read(file: Path) -> Recording:
         stream.seek(here)
         array = read_array(stream, header, str(file))
         return from_fields({"joints": array}, str(file), named=False)
+
+
+def is_sequence(folder: Path) -> bool:
+    """Whether a folder is one clip: numbered files of one frame each, as of MediaPipe's values."""
+    try:
+        files = list(folder.glob("*.npy"))
+        if len(files) < 2 or not all(_NUMBERED.fullmatch(file.name) for file in files):
+            return False
+        with files[0].open("rb") as stream:
+            return len(read_header(stream, str(files[0])).shape) == 1
+    except (ClipError, OSError, ValueError):
+        return False
+
+
+def read_sequence(folder: Path) -> Recording:
+    """The frames of such a folder, in the order of their numbers.
+
+    Raises:
+        ClipError: a frame cannot be read, or is unlike the first.
+    """
+    rows: list[NDArray[Any]] = []
+    for file in sorted(folder.glob("*.npy"), key=lambda file: int(file.stem)):
+        with file.open("rb") as stream:
+            header = read_header(stream, str(file))
+            if header.nbytes > MEGABYTE or len(rows) == LONGEST_CLIP:
+                raise ClipError(f"{file}: holds more than a frame of a clip may.")
+            rows.append(read_array(stream, header, str(file)))
+        if rows[-1].shape != rows[0].shape or rows[-1].dtype.kind not in "iuf":
+            raise ClipError(f"{file}: is no frame like the first of {folder}: {rows[0].shape}.")
+    return from_fields({"joints": np.stack(rows)}, str(folder), named=False)
 
 
 def read_header(stream: IO[bytes], where: str) -> ArrayHeader:

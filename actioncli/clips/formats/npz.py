@@ -32,6 +32,7 @@ _END_LENGTH = 22
 # than 4 GB need.
 _LARGE_ARCHIVE = b"PK\x06\x07"
 _LARGE_ARCHIVE_LENGTH = 20
+_NEED = "a clip needs poses3d or joints (SMPL's poses and betas are angles: save its joints)"
 # Bytes of an array that are read ahead.
 _AT_ONCE = 2**16
 
@@ -39,7 +40,7 @@ _AT_ONCE = 2**16
 def read(file: Path) -> Recording:
     """A clip's `poses3d` or `joints`, with what stands beside them."""
     wanted = (*POSITIONS, *METADATA, "lengths", "joints_mm")
-    arrays = read_arrays(file, wanted, "a clip needs poses3d or joints", only_array=True)
+    arrays = read_arrays(file, wanted, _NEED, only_array=True)
     if "joints_mm" in arrays and "lengths" in arrays:
         raise ClipError(
             f"{file}: is a collection of {arrays['lengths'].size} clips, not a clip; "

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from actioncli.clips.formats.npy import read
+from actioncli.clips.read import find_clips, read_clip
+from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import ClipError
 
 from ..bodies import waving
@@ -86,3 +88,28 @@ def test_text_and_complex_numbers_are_no_positions(tmp_path: Path) -> None:
         np.save(tmp_path / "a.npy", body)
         with pytest.raises(ClipError, match="must be numbers"):
             read(tmp_path / "a.npy")
+
+
+def test_a_folder_of_numbered_frames_is_a_clip(tmp_path: Path) -> None:
+    """As MP_Data: a folder an action, in it one a sequence, in it a file a frame."""
+    body = waving(12, LAYOUTS["blazepose_33"])
+    seen = np.ones((12, 33, 1))
+    for action, sequence in (("hello", 0), ("hello", 1), ("thanks", 0)):
+        folder = tmp_path / "MP_Data" / action / str(sequence)
+        folder.mkdir(parents=True)
+        for frame, pose in enumerate(np.concatenate([body, seen], axis=2)):
+            rest = np.zeros(3 * (468 + 2 * 21) if sequence else 0)
+            np.save(folder / f"{frame}.npy", np.concatenate([pose.ravel(), rest]))
+    found = find_clips([tmp_path / "MP_Data" / "hello"])
+    assert [clip.name for clip in found] == ["0", "1"]
+    for folder in found:
+        clip = read_clip(folder, up="y")
+        assert (len(clip), clip.joint_names) == (12, LAYOUTS["blazepose_33"])
+        np.testing.assert_allclose(clip.joints, body, atol=1e-5)
+    # Numbered clips stay what they are.
+    for number in range(3):
+        np.save(tmp_path / f"{number}.npy", body)
+    assert [clip.name for clip in find_clips([tmp_path])][:3] == ["0.npy", "1.npy", "2.npy"]
+    np.save(folder / "3.npy", np.zeros(7))
+    with pytest.raises(ClipError, match="is no frame like the first"):
+        read_clip(folder)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from actioncli.clips.formats.npz import read
-from actioncli.clips.skeleton import DEFAULT_JOINTS
+from actioncli.clips.read import read_clip
+from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS, select_joints
 from actioncli.errors import ClipError
 
 from ..bodies import waving, write_npz
@@ -134,3 +135,19 @@ def test_a_directory_that_is_cut_off_or_too_large(tmp_path: Path) -> None:
     for name in "ab":
         with pytest.raises(ClipError, match=rf"{name}\.npz: is a damaged.*missing or too large"):
             read(tmp_path / f"{name}.npz")
+
+
+@pytest.mark.parametrize("key", ["joints3d", "smpl_joints3d", "pred_keypoints_3d", "Joints_3D"])
+def test_what_vibe_and_pymaf_give(tmp_path: Path, key: str) -> None:
+    """49 joints without names, beside SMPL's angles and pictures' places."""
+    body = waving(joints=LAYOUTS["spin_49"])
+    more = {"pose": np.zeros((40, 72)), "betas": np.zeros((40, 10)), "joints2d": body[..., :2]}
+    np.savez(tmp_path / "a.npz", **{key: body}, **more)
+    clip = read_clip(tmp_path / "a.npz")
+    assert "layout inferred from 49 joints: spin_49" in clip.notes
+    found = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS)
+    wanted = select_joints(waving().astype(np.float32), DEFAULT_JOINTS, DEFAULT_JOINTS)
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+    np.savez(tmp_path / "b.npz", **more)
+    with pytest.raises(ClipError, match="are angles: save its joints"):
+        read_clip(tmp_path / "b.npz")
