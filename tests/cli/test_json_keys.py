@@ -4,10 +4,12 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pose.videos import numbered, write_video
 
-from actioncli import SupportStore
+from actioncli import Clip, SupportStore, read_clip
+from actioncli.clips.write import write_clip
 
 from .conftest import EXAMPLES, Invoke
 
@@ -15,7 +17,7 @@ SQUAT = str(EXAMPLES / "squat/ada.npz")
 # For each command, calls that together show every key.
 CALLS: dict[str, list[list[str]]] = {
     "enroll": [["squat", SQUAT, "none.npy"]],
-    "classify": [[SQUAT, "none.npy"]],
+    "classify": [[SQUAT, "none.npy", "FILE"]],
     "list-support": [[]],
     "show": [["squat"]],
     "rename": [["squat", "sit"]],
@@ -59,6 +61,10 @@ def test_keys_are_the_documented_ones(
     file = tmp_path / "actions.safetensors"
     if command == "import":
         filled.export(file)
+    if command == "classify":  # of a long clip, all that is done in it
+        squat = read_clip(SQUAT)
+        file = tmp_path / "long.npz"
+        write_clip(file, Clip(np.tile(squat.joints, (3, 1, 1)), squat.joint_names, squat.fps))
     if command == "cameras":
         file = write_video(tmp_path / "a.mp4", numbered(3))
     if command == "doctor":
