@@ -22,6 +22,7 @@ export class Camera {
     this.picture = el("canvas");
     byId("camera-switch").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
     byId("record").addEventListener("click", () => this.record());
+    byId("fill").hidden = !document.fullscreenEnabled; // not on every phone
     byId("fill").addEventListener("click", () => (document.fullscreenElement ? document.exitFullscreen() : byId("camera").requestFullscreen()));
     byId("which").addEventListener("change", () => { this.stop(); this.start(byId("which").value); });
   }
@@ -63,6 +64,7 @@ export class Camera {
     if (this.stream !== stream) return;
     const current = device === SOURCE ? SOURCE : stream.getVideoTracks()[0].getSettings().deviceId;
     this.video.parentElement.style.aspectRatio = `${this.video.videoWidth} / ${this.video.videoHeight}`;
+    byId("camera").scrollIntoView({ block: "nearest" });
     await this.offerCameras(current);
     this.connect();
   }

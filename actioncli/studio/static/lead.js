@@ -14,8 +14,8 @@ export class Lead {
     document.body.classList.toggle("ready", labels.length > 1);
     byId("lead-title").textContent = ["Record or drop a clip", "Record or drop a second action"][labels.length] ?? "Try it live";
     byId("lead").textContent = [
-      "Show an action once, and give it a name: from then on it is recognised, and everything else is rejected. " +
-      "A clip shows one person, whole, doing one action once. A video from your phone will do.",
+      "From one clip on, an action is recognised, and everything else is rejected. A clip shows one person, " +
+      "whole, doing one action once; a video from your phone will do.",
       `${labels[0]} is known. With two actions you can try them live.`,
     ][labels.length] ?? `Do ${listed(labels)} before the camera. Record or drop another clip to add to it.`;
     // Who has actions of their own needs no examples.

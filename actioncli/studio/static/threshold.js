@@ -76,9 +76,9 @@ export class Threshold {
     if (!this.state) return;
     const tau = this.value.toFixed(2);
     byId("tau-said").value = tau;
-    const { kept, own } = this.state;
+    const { kept, automatic, own } = this.state;
     const inUse = this.state.tau.toFixed(2);
-    byId("kept").textContent = `In use: ${inUse}${kept ? "" : ", as nothing else was kept"}.` +
+    byId("kept").textContent = `In use: ${inUse}${automatic ? ", chosen by what you enrolled" : kept ? "" : ", as nothing else was kept"}.` +
       (own ? ` ${own} of the actions have a τ of their own, which keeping another replaces.` : "");
     byId("keep").textContent = `Keep τ ${tau}`;
     byId("reset").hidden = !kept;
