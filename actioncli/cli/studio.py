@@ -43,12 +43,15 @@ def studio(
         typer.Option(
             metavar="SOURCE",
             help="A camera for the page beside the browser's own: what `watch` takes, such as the "
-            "address of one in the network.",
+            "address of one in the network. Where actions are enrolled, it is shown at once.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Record, enrol, test and calibrate on a page in the browser.
+    """Record, enrol, try live and calibrate on a page in the browser.
+
+    With nothing enrolled, example clips are offered to begin with; with two actions, trying them
+    live comes first, large enough to be read across a room.
 
     The page is served on this machine alone, and only to who has the token in its address.
     Pictures of the browser's camera and files that are dropped on the page are looked at here, by

@@ -129,7 +129,8 @@ def watch(
     A camera or a stream that breaks is told, and opened again; where it stays away, watching ends
     with exit code 3. Ctrl-C ends it. With --json, every event is a document on a line of its own.
 
-    What is enrolled, removed or calibrated meanwhile counts at once.
+    What is enrolled, removed or calibrated meanwhile counts at once. `actioncli studio --camera
+    SOURCE` shows picture, events and counts on a page, large enough to be read across a room.
 
     What --mqtt and --webhook send are those documents with the time of day, `time`. A server that
     does not answer is told, and never keeps watching waiting: events are dropped until it works

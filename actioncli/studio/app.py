@@ -14,7 +14,8 @@ from starlette.routing import Route, WebSocketRoute
 
 from actioncli.clips.active import one_repetition
 from actioncli.clips.skeleton import LAYOUTS
-from actioncli.errors import UsageError
+from actioncli.errors import SupportError, UsageError
+from actioncli.files import examples_folder
 from actioncli.pose import without_password
 from actioncli.pose.read import ReadOptions
 from actioncli.recognition.threshold import Threshold, keep_threshold, rename_action
@@ -35,6 +36,13 @@ from actioncli.studio.uploads import Uploads, check_kind
 
 # Bytes of an upload: minutes of video, where seconds are wanted.
 LARGEST_UPLOAD = 500_000_000
+# Who performs the actions of `tour`, in the clips that came along: to begin without a camera.
+SAMPLES = {
+    "squat": ["ada", "ben", "cleo"],
+    "wave_right": ["ada", "ben", "cleo"],
+    "jumping_jack": ["ada", "ben", "dev"],
+    "bow": ["ben"],
+}
 # What may be said about reading a file; see `ReadOptions`.
 _OPTIONS = {"layout": str, "unit": str, "up": str, "fps": float, "start": float, "end": float,
             "person": int, "quality": str}  # fmt: skip
@@ -75,6 +83,7 @@ class Studio:
                 Route("/api/examples/{id:int}", self.remove, methods=["DELETE"]),
                 Route("/api/actions", self.remove, methods=["DELETE"]),
                 Route("/api/actions", self.rename_action, methods=["PATCH"]),
+                Route("/api/samples/{action}/{performer}", self.sample),
                 Route("/api/clips", self.upload, methods=["POST"]),
                 Route("/api/clips/{id}", self.clip),
                 Route("/api/clips/{id}", self.discard, methods=["DELETE"]),
@@ -93,12 +102,22 @@ class Studio:
         if request.query_params.get("version") == version:
             return AsciiJson({"version": version})
         source = self.source and without_password(self.source)
-        offered = {"limit": self.limit, "layouts": list(LAYOUTS), "source": source}
+        offered = {
+            "limit": self.limit, "layouts": list(LAYOUTS), "source": source, "samples": SAMPLES,
+        }  # fmt: skip
         return AsciiJson({**self.support.state(), **offered})
 
     def example_figure(self, request: Request) -> Response:
         """The skeleton of an example."""
         return AsciiJson(self.support.figure(request.path_params["id"]))
+
+    def sample(self, request: Request) -> Response:
+        """A clip that came along, as if the page's user had it as a file."""
+        action, performer = request.path_params["action"], request.path_params["performer"]
+        if performer not in SAMPLES.get(action, ()):
+            raise SupportError(f"No clip {action}/{performer} came along.")
+        content = (examples_folder() / action / f"{performer}.npz").read_bytes()
+        return Response(content, media_type="application/octet-stream")
 
     async def remove(self, request: Request) -> Response:
         """Delete an action, or one of its examples."""

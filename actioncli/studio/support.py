@@ -39,6 +39,7 @@ class SharedSupport(Actions):
             "actions": list(actions.values()),
             "tau": support.threshold.tau,
             "kept": support.stored_threshold is support.threshold,
+            "automatic": support.threshold.automatic,
             "own": len(support.threshold.actions),
         }
 

@@ -163,6 +163,17 @@ def test_a_kept_tau_is_that_of_the_commands(client: Client, studio: Studio) -> N
         assert client.ask("PUT", "/api/tau", {"tau": wrong})[0] == 400
 
 
+def test_clips_that_came_along(client: Client) -> None:
+    for action, performers in client.get("/api/state")["samples"].items():
+        for performer in performers:
+            status, _, content = client.answer("GET", f"/api/samples/{action}/{performer}")
+            assert status == 200
+            assert content == (EXAMPLES / action / f"{performer}.npz").read_bytes()
+    for path in ("squat/nobody", "none/ada", "..%2Fsquat/ada", "squat/..%2F..%2Fsecret"):
+        status, _ = client.ask("GET", f"/api/samples/{path}")
+        assert status == 404
+
+
 def test_options_of_reading_are_those_of_the_commands(client: Client, tmp_path: Path) -> None:
     sent = client.send(SQUAT, unit="m")
     assert sent["state"] == "ready"

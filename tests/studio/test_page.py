@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
 import threading
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, WebSocketRoute, expect
 
 from actioncli import SupportStore, read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
@@ -22,7 +23,7 @@ from actioncli.studio.app import Studio
 from actioncli.studio.server import Server
 from tests.pose.videos import answering, part
 
-from .browsing import FILM, PHONE, check, enroll, opened, send
+from .browsing import DESKTOP, FILM, PHONE, check, enroll, opened, send
 from .serving import EXAMPLES, Client, serving, until
 
 SHARED = FILM.parents[1]
@@ -36,15 +37,15 @@ def picture(page: Page, place: int = 0) -> str:
 
 
 def count(page: Page, rate: str) -> int:
-    text = page.locator(f"[data-rate={rate}]").inner_text()
-    found = re.match(r"(\d+) of (\d+)", text)
+    text = page.locator(f"[data-rate={rate}]").text_content()
+    found = re.match(r"(\d+) of (\d+)", text or "")
     assert found, text
     return int(found[1])
 
 
 def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     expect(tab).to_have_url(re.compile(r"^http://127\.0\.0\.1:\d+/$"))
-    expect(tab.get_by_text("Nothing is enrolled yet")).to_be_visible()
+    expect(tab.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
     check(tab)
     enroll(tab, SQUAT, "squat")
     enroll(tab, OTHER_SQUAT, "squat")
@@ -54,8 +55,10 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     accepted = tab.get_by_role("article", name="Clip cleo.npz")
     rejected = tab.get_by_role("article", name="Clip ben.npz")
     expect(accepted.locator(".verdict")).to_contain_text(
-        "Recognised: wave (confidence 0.95 > τ 0.50)"
+        re.compile(r"Recognised: wave \(confidence 0\.9\d > τ 0\.\d\d\)")
     )
+    # Two examples of one action: enrolment chose a threshold.
+    expect(tab.locator("#kept")).to_contain_text("chosen by what you enrolled")
     expect(accepted.get_by_text("nearest: wave")).to_be_visible()
     expect(rejected.locator(".verdict")).to_contain_text("Rejected (nearest squat")
     check(tab)
@@ -65,10 +68,17 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     before = count(tab, "false_accepts")
     assert count(tab, "false_rejects") == 0
     slider.fill("5")
-    assert count(tab, "false_accepts") > before
+    accepts = count(tab, "false_accepts")
+    assert accepts > before
+    words = tab.locator("#words")
+    expect(words).to_contain_text(re.compile(r"About \w+ false alarms? in a hundred other clips"))
     slider.fill("100")
+    expect(words).to_contain_text("No false alarm in 99 other clips.")
+    expect(words).to_contain_text("2 of your 2 own examples would be missed.")
     assert (count(tab, "false_accepts"), count(tab, "false_rejects")) == (0, 2)
-    expect(slider).to_have_attribute("aria-valuetext", re.compile("false rejects 2 of 2"))
+    expect(slider).to_have_attribute(
+        "aria-valuetext", re.compile("2 of your 2 own examples would be missed")
+    )
     expect(accepted.locator(".verdict")).to_contain_text("Rejected (nearest wave")
     slider.press("ArrowLeft")
     expect(tab.locator("#tau-said")).to_have_text("0.99")
@@ -92,6 +102,77 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
         ("squat", 2),
         ("wave", 1),
     ]
+
+
+def test_the_page_leads_from_an_example_to_the_camera(browser: Browser, client: Client) -> None:
+    """With nothing of one's own, on a phone, by keyboard alone."""
+    with opened(browser, client.address, PHONE) as page:
+        expect(page.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
+        expect(page.locator("#steps")).to_be_visible()
+        check(page)
+
+        def press(name: str) -> None:
+            button = page.get_by_role("button", name=name, exact=True)
+            button.focus()
+            button.press("Enter")
+
+        for action, title in (("squat", "Record or drop a second action"), ("bow", "Try it live")):
+            press(action)
+            expect(page.get_by_role("article").get_by_label("Name of the action")).to_have_value(
+                action
+            )
+            press("Enrol")
+            expect(page.get_by_role("heading", name=title)).to_be_visible()
+            expect(page.get_by_role("heading", name=title)).to_be_focused()
+        expect(page.locator("#steps")).to_be_hidden()
+        expect(page.get_by_text("Do bow or squat before the camera.")).to_be_visible()
+        press("squat")
+        another = page.get_by_role("article", name="Clip squat ben.npz")
+        expect(another.locator(".verdict")).to_contain_text("Recognised: squat")
+        titles = page.get_by_role("heading", level=2).all_inner_texts()
+        assert titles == [
+            "Try it live", "Clips to decide on", "Your actions", "How sure must it be?",
+        ]  # fmt: skip
+        another.get_by_label("Name of the action").fill("my own")
+        press("Enrol")
+        expect(page.get_by_role("article", name="my own")).to_be_visible()
+        expect(page.locator("#samples")).to_be_hidden()
+
+
+def test_events_are_counted_in_large_letters(browser: Browser, client: Client) -> None:
+    """What the detector tells is put into the server's answers: this is about how it is shown."""
+    told = [
+        {"label": "squat", "start": 1, "end": 2, "confidence": 0.91, "repetitions": 1},
+        {"label": "squat", "start": 2, "end": 3, "confidence": 0.97, "repetitions": 2},
+        {"label": "<b>bow", "start": 5, "end": 6, "confidence": 0.72, "repetitions": 1},
+        {"label": "squat", "start": 8, "end": 9, "confidence": 0.88, "repetitions": 1},
+    ]
+
+    def between(page_side: WebSocketRoute) -> None:
+        server = page_side.connect_to_server()
+
+        def answer(message: str | bytes) -> None:
+            shown = json.loads(message)
+            if "bones" not in shown and told:
+                shown["events"] = [told.pop(0)]
+            page_side.send(json.dumps(shown))
+
+        server.on_message(answer)
+
+    client.enroll(SQUAT, "squat")
+    for size in (DESKTOP, PHONE):
+        waiting = list(told)
+        with opened(browser, client.address, size) as page:
+            page.route_web_socket(re.compile("/api/live"), between)
+            expect(page.locator("#mine")).to_be_visible()
+            page.get_by_role("button", name="Use the camera").click()
+            seen = page.get_by_role("list", name="Actions seen so far").get_by_role("listitem")
+            expect(seen).to_have_text(["squat ×1 0.88", "<b>bow ×1 0.72", "squat ×2 0.97"])
+            first, screen = seen.first, page.locator(".screen")
+            assert first.evaluate("e => parseFloat(getComputedStyle(e).fontSize)") >= 36
+            expect(first).to_be_in_viewport()
+            assert screen.evaluate("e => e.clientWidth") > size[0] / 2
+        told[:] = waiting
 
 
 def test_play_scrub_and_turn_by_mouse_and_keys(tab: Page, studio: Studio) -> None:
@@ -202,7 +283,7 @@ def test_without_the_token_the_page_stays_empty(browser: Browser, client: Client
         expect(page.locator("#store")).to_be_empty()
         # The address may be entered into the same tab.
         page.goto(client.address)
-        expect(page.get_by_text("Nothing is enrolled yet")).to_be_visible()
+        expect(page.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
         expect(page).to_have_url(client.headers["Origin"] + "/")
 
 
@@ -217,7 +298,7 @@ def test_the_file_that_a_browser_is_given_leads_to_the_page(
     thread.start()
     page = browser.new_page()
     page.goto((tmp_path / "open.html").as_uri())
-    expect(page.get_by_text("Nothing is enrolled yet")).to_be_visible()
+    expect(page.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
     expect(page).to_have_url(f"http://127.0.0.1:{server.port}/")
     page.close()
     server.stop()
@@ -231,7 +312,7 @@ def test_another_server_of_this_machine_never_sees_the_token(
     context = browser.new_context()
     tab = context.new_page()
     tab.goto(client.address)
-    expect(tab.get_by_text("Nothing is enrolled yet")).to_be_visible()
+    expect(tab.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
     seen: list[str] = []
 
     class Other(BaseHTTPRequestHandler):
@@ -255,7 +336,7 @@ def test_another_server_of_this_machine_never_sees_the_token(
         # From the studio's own tab, which keeps the token, and by its link back.
         tab.goto(f"http://127.0.0.1:{other.server_port}/from-the-studio")
         tab.go_back()
-        expect(tab.get_by_text("Nothing is enrolled yet")).to_be_visible()
+        expect(tab.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
         other.shutdown()
         thread.join()
     assert any("from-the-studio" in request for request in seen)
@@ -347,9 +428,8 @@ def test_a_camera_that_the_command_names(browser: Browser, studio: Studio) -> No
             tab.get_by_role("button", name="Stop the camera").click()
         named.close()
     lost = Studio(studio.support, studio.upload_folder, source=address)
+    # Where there is something to recognise, it is opened at once.
     with serving(lost.app()) as page_address, opened(browser, page_address) as tab:
-        expect(tab.locator("#store")).not_to_be_empty()
-        tab.get_by_role("button", name="Use the camera").click()
         expect(tab.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
     lost.close()
 
@@ -367,7 +447,7 @@ def test_a_camera_that_is_refused_is_told(browser: Browser, client: Client) -> N
 def test_all_by_keyboard(tab: Page, studio: Studio) -> None:
     studio.support.store.enroll("squat", read_clip(SQUAT))
     expect(tab.get_by_role("article", name="squat", exact=True).locator("canvas")).to_be_visible()
-    expect(tab.locator("[data-rate=false_accepts]")).to_be_visible()
+    expect(tab.locator("#words")).to_contain_text("other clips")
     tab.locator("body").press("Home")
     reached = []
     for _ in range(40):

@@ -13,8 +13,7 @@ export class Actions {
 
   update({ actions }) {
     const here = byId("actions");
-    byId("empty").hidden = actions.length > 0;
-    byId("sides").hidden = byId("export").hidden = actions.length === 0;
+    byId("mine").hidden = actions.length === 0;
     const labels = actions.filter((action) => !action.negative).map((action) => action.label);
     byId("labels").replaceChildren(...labels.map((label) => el("option", { value: label })));
     const before = this.cards;

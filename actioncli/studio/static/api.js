@@ -59,15 +59,18 @@ export const forget = (id) => {
   send(`/api/clips/${id}`, { method: "DELETE", keepalive: true }).catch(() => {});
 };
 
-// Save what is at a path as a file.
-export async function download(path, name) {
+// What is at a path, as a file.
+export async function file(path) {
   const response = await send(path).catch(unreachable);
-  if (!response.ok) return answered(Promise.resolve(response));
-  const url = URL.createObjectURL(await response.blob());
+  return response.ok ? response.blob() : answered(Promise.resolve(response));
+}
+
+// Save it.
+export async function download(path, name) {
+  const url = URL.createObjectURL(await file(path));
   const link = document.createElement("a");
   link.href = url;
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
-  return null;
 }

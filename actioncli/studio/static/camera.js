@@ -22,6 +22,8 @@ export class Camera {
     this.picture = el("canvas");
     byId("camera-switch").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
     byId("record").addEventListener("click", () => this.record());
+    byId("fill").hidden = !document.fullscreenEnabled; // not on every phone
+    byId("fill").addEventListener("click", () => (document.fullscreenElement ? document.exitFullscreen() : byId("camera").requestFullscreen()));
     byId("which").addEventListener("change", () => { this.stop(); this.start(byId("which").value); });
   }
 
@@ -62,6 +64,7 @@ export class Camera {
     if (this.stream !== stream) return;
     const current = device === SOURCE ? SOURCE : stream.getVideoTracks()[0].getSettings().deviceId;
     this.video.parentElement.style.aspectRatio = `${this.video.videoWidth} / ${this.video.videoHeight}`;
+    byId("camera").scrollIntoView({ block: "nearest" });
     await this.offerCameras(current);
     this.connect();
   }
@@ -173,12 +176,18 @@ export class Camera {
       ? "The body is in view" : "Step back until head and hands, and feet if they take part, are in the picture";
     const slow = this.times.length > 5 && rate < SLOW ? ", too few to follow: this machine is busy" : "";
     byId("view").textContent = `${view}, ${rate.toFixed(rate < SLOW ? 1 : 0)} pictures/s${slow}`;
-    for (const event of answer.events ?? []) {
-      byId("events").prepend(el("li", {}, `${event.label}, ${(event.end - event.start).toFixed(1)} s, confidence ${event.confidence.toFixed(2)}`));
-      while (byId("events").children.length > EVENTS) byId("events").lastChild.remove();
-    }
+    for (const event of answer.events ?? []) this.tell(event);
     this.last = answer;
     this.judge(answer);
+  }
+
+  // The repetitions of a set share a line, which counts them.
+  tell({ label, confidence, repetitions }) {
+    const events = byId("events");
+    if (repetitions > 1) events.firstChild?.remove();
+    events.prepend(el("li", {}, el("b", {}, label), " ",
+      el("span", { class: "times" }, `×${repetitions}`), " ", el("span", { class: "muted" }, confidence.toFixed(2))));
+    while (events.children.length > EVENTS) events.lastChild.remove();
   }
 
   judge(answer) {

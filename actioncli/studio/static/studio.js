@@ -4,6 +4,7 @@ import { Actions } from "./actions.js";
 import { download, get } from "./api.js";
 import { Camera } from "./camera.js";
 import { byId, el, say } from "./dom.js";
+import { Lead } from "./lead.js";
 import { Threshold } from "./threshold.js";
 import { Uploads } from "./uploads.js";
 
@@ -18,12 +19,16 @@ const studio = {
       const answer = await get(`/api/state?version=${encodeURIComponent(this.state?.version ?? "")}`);
       byId("lost").hidden = true;
       if (!answer.actions) return;
+      const first = this.state === null;
       this.state = answer;
       byId("store").textContent = answer.store;
       if (byId("layouts").length === 1) byId("layouts").append(...answer.layouts.map((name) => el("option", {}, name)));
+      lead.update(answer);
       actions.update(answer);
       threshold.update(answer);
       uploads.update();
+      // Who names a camera wants to see what it shows.
+      if (first && answer.source && answer.actions.some((action) => !action.negative)) camera.start();
     } catch (error) {
       byId("lost").textContent = error.message;
       byId("lost").hidden = false;
@@ -31,11 +36,12 @@ const studio = {
   },
 };
 const uploads = new Uploads(studio);
+const lead = new Lead(uploads);
 const camera = new Camera(studio, uploads);
 const actions = new Actions(studio);
 const threshold = new Threshold(studio);
 
-byId("export").querySelector("button").addEventListener("click", () =>
+byId("export").addEventListener("click", () =>
   download("/api/export", "actions.safetensors").catch((error) => say(error.message)));
 
 async function follow() {

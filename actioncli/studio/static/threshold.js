@@ -68,7 +68,7 @@ export class Threshold {
         await new Promise((done) => setTimeout(done, POLL));
       }
     } catch (error) {
-      byId("rates").replaceChildren(el("p", { class: "problem" }, error.message));
+      byId("words").replaceChildren(el("p", { class: "problem" }, error.message));
     }
   }
 
@@ -76,9 +76,9 @@ export class Threshold {
     if (!this.state) return;
     const tau = this.value.toFixed(2);
     byId("tau-said").value = tau;
-    const { kept, own } = this.state;
+    const { kept, automatic, own } = this.state;
     const inUse = this.state.tau.toFixed(2);
-    byId("kept").textContent = `In use: ${inUse}${kept ? "" : ", as nothing else was kept"}.` +
+    byId("kept").textContent = `In use: ${inUse}${automatic ? ", chosen by what you enrolled" : kept ? "" : ", as nothing else was kept"}.` +
       (own ? ` ${own} of the actions have a τ of their own, which keeping another replaces.` : "");
     byId("keep").textContent = `Keep τ ${tau}`;
     byId("reset").hidden = !kept;
@@ -87,13 +87,15 @@ export class Threshold {
     if (recommended !== null) byId("recommended").textContent = `Try the recommended ${recommended.toFixed(2)}`;
     if (!this.measured) {
       this.slider.setAttribute("aria-valuetext", tau);
-      byId("rates").replaceChildren(el("p", { class: "muted" }, "Counting false accepts and rejects …"),
-        el("progress", { max: 1, value: this.share, "aria-label": "Counting false accepts and rejects" }));
+      byId("rates").replaceChildren();
+      byId("words").replaceChildren(el("p", { class: "muted" }, "Counting false alarms …"),
+        el("progress", { max: 1, value: this.share, "aria-label": "Counting false alarms" }));
       return;
     }
     const rates = this.measured.rates[Number(this.slider.value)];
-    this.slider.setAttribute("aria-valuetext", `${tau}: ` + KINDS.map(([key, name]) =>
-      `${name.toLowerCase()} ${count(rates[key])}`).join(", "));
+    const words = [alarms(rates.false_accepts), missed(rates.false_rejects)];
+    byId("words").replaceChildren(...words.map((each) => el("p", {}, each)));
+    this.slider.setAttribute("aria-valuetext", `${tau}: ${words.join(" ")}`);
     const rows = KINDS.map(([key, name, of]) => el("tr", {},
       el("th", { scope: "row" }, name),
       el("td", { class: "text", "data-rate": key }, rates[key].of ? `${count(rates[key])} ${of}` : count(rates[key])),
@@ -104,7 +106,7 @@ export class Threshold {
       ? el("ul", { class: "notes" }, ...this.measured.notes.map((note) => el("li", {}, note)))
       : null;
     byId("rates").replaceChildren(
-      el("table", { class: "rates" }, head, el("tbody", {}, ...rows)), this.curve(), ...(notes ? [notes] : []));
+      el("div", {}, el("table", { class: "rates" }, head, el("tbody", {}, ...rows)), notes), this.curve());
   }
 
   // Both shares over tau, and where the slider stands.
@@ -140,6 +142,22 @@ export class Threshold {
       "aria-label": `Shares over τ, ${legend.join(", ")}`,
     }, ...ground, ...words, ...marks, ...lines, rule);
   }
+}
+
+const NUMBERS = ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"];
+const alarm = (count) => `${NUMBERS[count] ?? count} false alarm${count > 1 ? "s" : ""}`;
+
+// Of few clips each is told: "in a hundred" would say more than was counted.
+function alarms({ count, of }) {
+  if (!of) return "How many false alarms there would be cannot be told yet.";
+  if (count && of >= 50) return `About ${alarm(Math.max(Math.round((100 * count) / of), 1))} in a hundred other clips.`;
+  const counted = alarm(count);
+  return `${counted[0].toUpperCase()}${counted.slice(1)} in ${of} other clips.`;
+}
+
+function missed({ count, of }) {
+  if (!of) return "How many of your own it would miss is told once an action has two examples.";
+  return `${count || "None"} of your ${of} own examples would be missed.`;
 }
 
 const percent = (share) => Math.round(100 * share);

@@ -33,11 +33,13 @@ export class Uploads {
     return Object.fromEntries([...new FormData(byId("options"))].filter(([, value]) => value !== ""));
   }
 
-  send(file, name, options) {
-    const clip = new Clip(this, file, name);
+  // label: what the clip shows, where that is known.
+  send(file, name, options, label = "") {
+    const clip = new Clip(this, file, name, label);
     this.clips.add(clip);
     byId("clips").prepend(clip.element);
     byId("uploads").hidden = false;
+    clip.look();
     clip.send(options);
   }
 
@@ -50,13 +52,13 @@ export class Uploads {
     this.clips.delete(clip);
     clip.element.remove();
     byId("uploads").hidden = this.clips.size === 0;
-    if (focused) byId(this.clips.size ? "uploads-title" : "actions-title").focus();
+    if (focused) byId(this.clips.size ? "uploads-title" : "lead-title").focus();
   }
 }
 
 class Clip {
-  constructor(uploads, file, name) {
-    Object.assign(this, { uploads, file, name, id: null, answer: null, gone: new AbortController() });
+  constructor(uploads, file, name, shows) {
+    Object.assign(this, { uploads, file, name, shows, id: null, answer: null, gone: new AbortController() });
     this.body = el("div");
     this.element = el("article", { class: "card", "aria-label": `Clip ${name}` },
       el("div", { class: "head" }, el("h3", {}, name)), this.body);
@@ -89,6 +91,12 @@ class Clip {
     }
   }
 
+  // The newest is brought into view, unless another one is being decided on.
+  look() {
+    const clips = byId("clips");
+    if (clips.firstChild === this.element && !clips.contains(document.activeElement)) this.element.scrollIntoView({ block: "nearest" });
+  }
+
   wait(stage, seconds, total) {
     if (!this.bar?.isConnected) {
       this.bar = el("progress", { max: 1, "aria-label": `Progress of ${this.name}` });
@@ -118,7 +126,7 @@ class Clip {
     this.ranked = el("div");
     this.label = el("input", {
       list: "labels", maxlength: 100, autocomplete: "off", required: true,
-      value: decision?.accepted ? decision.nearest : "",
+      value: decision?.accepted ? decision.nearest : this.shows,
     });
     const form = el("form", { submit: (event) => { event.preventDefault(); this.enroll(false); } },
       el("label", {}, "Name of the action", this.label),
@@ -133,6 +141,7 @@ class Clip {
       this.verdict, this.ranked, notes, form, this.problem);
     this.draw();
     this.judge();
+    this.look();
     say(`${this.name}: ${this.verdict.textContent}`);
   }
 
