@@ -85,6 +85,14 @@ def watch(
             "nothing follows.",
         ),
     ] = True,
+    facing: Annotated[
+        bool,
+        typer.Option(
+            "--facing",
+            help="Only what is done while facing the camera counts: shoulders and hips turned "
+            "from it by at most 45 degrees.",
+        ),
+    ] = False,
     table: Annotated[
         Path | None,
         typer.Option("--csv", metavar="FILE.csv", help="Write every event into a table, too."),
@@ -141,7 +149,7 @@ def watch(
       actioncli watch
       actioncli watch training.mp4 --json
       actioncli watch rtsp://192.168.1.20/stream --retry 600
-      actioncli watch 0 --exec 'notify-send moved'
+      actioncli watch 0 --facing --exec 'notify-send moved'
       actioncli watch --beep --mqtt mqtt://192.168.1.5/home/gestures
       actioncli watch 0 --record seen
       actioncli watch training.mp4 --sets --csv sets.csv --annotate told.mp4
@@ -193,6 +201,7 @@ def watch(
                 source,
                 follow,
                 each=each,
+                facing=facing,
                 quality=quality or DEFAULT_QUALITY,
                 retry=retry,
                 hands=hands,

@@ -287,15 +287,23 @@ def turn_to_front(
         names: J names.
         lengths: of the clips that stand one after another in `joints`; one clip without it.
     """
-    right = joints[:, names.index("rhip")] + joints[:, names.index("rsho")]
-    left = joints[:, names.index("lhip")] + joints[:, names.index("lsho")]
     counts = np.array([len(joints)]) if lengths is None else lengths
-    # Only the direction of the sum matters, so there is no need for the mean.
-    across = np.add.reduceat(right - left, np.cumsum(counts) - counts, axis=0)
-    angle = np.repeat(np.arctan2(across[:, 2], across[:, 0]), counts)[:, None]
+    angle = np.repeat(headings(joints, names, counts), counts)[:, None]
     cos, sin = np.cos(angle), np.sin(angle)
     x, y, z = joints[..., 0], joints[..., 1], joints[..., 2]
     return np.asarray(np.stack([x * cos + z * sin, y, z * cos - x * sin], axis=-1), np.float32)
+
+
+def headings(joints: FloatArray, names: Sequence[str], lengths: NDArray[np.intp]) -> FloatArray:
+    """How far the mean left-to-right axis of hips and shoulders is turned from +x, radians (N,).
+
+    The arguments are those of `turn_to_front`.
+    """
+    right = joints[:, names.index("rhip")] + joints[:, names.index("rsho")]
+    left = joints[:, names.index("lhip")] + joints[:, names.index("lsho")]
+    # Only the direction of the sum matters, so there is no need for the mean.
+    across = np.add.reduceat(right - left, np.cumsum(lengths) - lengths, axis=0)
+    return np.asarray(np.arctan2(across[:, 2], across[:, 0]), np.float32)
 
 
 def torso_length(joints: FloatArray, names: Sequence[str]) -> np.float32:

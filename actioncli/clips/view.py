@@ -1,4 +1,4 @@
-"""What a recording shows of the body: parts out of view, and motion that nobody saw.
+"""What a recording shows of the body: its front, parts out of view, motion that nobody saw.
 
 A pose network gives a place to legs under a desk, too, and moves them as it sees fit.
 """
@@ -15,6 +15,7 @@ from actioncli.clips.skeleton import (
     DEFAULT_JOINTS,
     LIMBS,
     default_columns,
+    headings,
     select_joints,
     torso_length,
 )
@@ -25,6 +26,15 @@ LEAST_SEEN = 0.5
 # Torso lengths that the middle and the end of a limb go from their mean places: below the first
 # a guess trembles; what is seen and goes less than the second may go along (a kick's arms).
 _LEAST_GUESS, _LEAST_SEEN_MOTION = 0.1, 0.3
+# Degrees by which who faces the sensor may be turned from it.
+FACING = 45.0
+
+
+def faces_sensor(clip: Clip) -> bool:
+    """Whether shoulders and hips are turned to the sensor, on the mean of the clip."""
+    names = ("lsho", "rsho", "lhip", "rhip")
+    joints = select_joints(clip.filled(), clip.joint_names, names, clip.source)
+    return abs(float(headings(joints, names, np.array([len(clip)]))[0])) <= np.radians(FACING)
 
 
 def seen_parts(clip: Clip) -> dict[str, float]:

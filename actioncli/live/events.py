@@ -20,6 +20,7 @@ import numpy as np
 from actioncli.clips.active import active_part
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
+from actioncli.clips.view import faces_sensor
 from actioncli.errors import ClipError
 from actioncli.recognition.support import SupportSet
 from actioncli.recognition.windows import FASTER, SLOWER, window_lengths
@@ -90,8 +91,13 @@ class EventDetector:
     _matched = 0.0
     _last: Event | None = None
 
-    def __init__(self, support: SupportSet) -> None:
-        """Prepare; a window that is nearest to a negative shows no action."""
+    def __init__(self, support: SupportSet, facing: bool = False) -> None:
+        """Prepare; a window that is nearest to a negative shows no action.
+
+        Args:
+            facing: only what is done while facing the sensor counts.
+        """
+        self._facing = facing
         self.follow(support)
 
     def follow(self, support: SupportSet) -> None:
@@ -161,6 +167,8 @@ class EventDetector:
             room = _OVERLAP * (now - seen.start)
             if seen.start < since - room or clip is None:
                 continue
+            if self._facing and not faces_sensor(_window(seen, clip, now)):
+                continue
             match = self.current
             if match is None or seen.start >= match.end - room:
                 over += self._tell()
@@ -210,9 +218,13 @@ class EventDetector:
     @staticmethod
     def _bounded(seen: Candidate, clip: Clip, now: float) -> Event:
         """A match from when to when the person moves in its window."""
-        begin = clip.duration - (now - seen.start)
-        start, end = active_part(cut(clip, begin, clip.duration), _PAUSE)
+        start, end = active_part(_window(seen, clip, now), _PAUSE)
         return Event(seen.label, seen.start + start, seen.start + end, seen.confidence)
+
+
+def _window(seen: Candidate, clip: Clip, now: float) -> Clip:
+    """What the stream, of which `clip` ends at `now`, showed from the candidate's beginning on."""
+    return cut(clip, clip.duration - (now - seen.start), clip.duration)
 
 
 class Sets:

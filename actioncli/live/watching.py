@@ -66,6 +66,7 @@ def watch(
     tau: float | None = None,
     *,
     each: bool = True,
+    facing: bool = False,
     quality: str = DEFAULT_QUALITY,
     hands: bool | None = None,
     retry: float = RETRY_SECONDS,
@@ -85,6 +86,7 @@ def watch(
             each look: what is enrolled, removed or calibrated meanwhile counts at once.
         tau: accept where the confidence is above it, instead of the threshold of `support`.
         each: tell each repetition when it ends; else a set of them, once nothing follows.
+        facing: only what is done while facing the camera counts.
         quality: pose network, "fast" or "accurate".
         hands: look for hands; None: see `hands.hand_finder`.
         retry: seconds for which a camera or a stream that breaks is opened again.
@@ -100,7 +102,7 @@ def watch(
     follow = support if callable(support) else (lambda: support)
     enrolled = follow()
     enrolled.require_actions()
-    detector = EventDetector(enrolled if tau is None else enrolled.with_tau(tau))
+    detector = EventDetector(enrolled if tau is None else enrolled.with_tau(tau), facing)
     stream: Stream
     if isinstance(source, Clip):
         stream = _ClipStream(source, max(detector.windows) + 1)

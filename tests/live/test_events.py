@@ -12,6 +12,7 @@ from actioncli.clips.active import active_part
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
+from actioncli.clips.view import faces_sensor
 from actioncli.errors import SupportError
 from actioncli.live.events import ODDS, STRIDE, Event, EventDetector
 from actioncli.live.watching import watch
@@ -303,6 +304,23 @@ def test_what_is_enrolled_may_change() -> None:
     script.detector.follow(support_of({}))
     assert script.detector.update(None, script.now + 1) == []
     assert script.detector.ranking == ()
+
+
+def turned(clip: Clip, degrees: float) -> Clip:
+    """The same, about the vertical."""
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    about = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]], np.float32)
+    return Clip(clip.joints @ about, clip.joint_names, clip.fps, clip.confidence)
+
+
+@pytest.mark.parametrize("degrees", [0, 30, -30, 60, -60, 90, 180])
+def test_only_what_is_done_while_facing_the_camera_counts_where_that_is_asked(degrees: int) -> None:
+    squat = read_clip(EXAMPLES / "squat" / "ada.npz")
+    stream = turned(squat, degrees)
+    assert faces_sensor(stream) == (abs(degrees) <= 45)
+    support = SupportSet.from_clips({"squat": [squat]})
+    assert [event.label for event in watch(stream, support)] == ["squat"]
+    assert len(list(watch(stream, support, facing=True))) == (abs(degrees) <= 45)
 
 
 def test_a_clip_is_watched_as_a_recorded_stream() -> None:

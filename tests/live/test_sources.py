@@ -119,7 +119,7 @@ def test_pictures_of_another_size(real_videos: Path) -> None:
         stream = VideoStream(address, "fast", 10, retry=30)
         sizes, clip = [], None
         for _ in stream.times():
-            sizes.append(stream._poses.size)
+            sizes.append(stream.poses.size)
             clip = stream.clip()
             if sizes[-1] != sizes[0] and clip is not None and len(clip) > 1:
                 break
