@@ -34,7 +34,7 @@ def faces_sensor(clip: Clip) -> bool:
     """Whether shoulders and hips are turned to the sensor, on the mean of the clip."""
     names = ("lsho", "rsho", "lhip", "rhip")
     joints = select_joints(clip.filled(), clip.joint_names, names, clip.source)
-    return abs(float(headings(joints, names, np.array([len(clip)]))[0])) <= np.radians(FACING)
+    return bool(abs(headings(joints, names, np.array([len(clip)]))[0]) <= np.radians(FACING))
 
 
 def seen_parts(clip: Clip) -> dict[str, float]:
