@@ -45,7 +45,6 @@ def _same(batch: Batch, chance: torch.Generator) -> Batch:
 # What is replaced, and fields of the recipe that are changed.
 LINES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "as it is": ({}, {}),
-    "no actions composed of two": ({f"{HERE}.tasks.composed": lambda pair, rng: pair}, {}),
     "no camera's errors": (
         {f"{HERE}.default.augment": partial(augment.augment, estimated=0.0)},
         {},

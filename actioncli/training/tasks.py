@@ -12,7 +12,6 @@ from torch import Generator, Tensor
 from actioncli.clips.parts import prepare_parts
 from actioncli.clips.prepare import Preparation
 from actioncli.training.augment import Batch, mirrored
-from actioncli.training.compose import composed
 from actioncli.training.data import TrainingSet
 from actioncli.training.negatives import SHARES, apart, backwards, negatives
 
@@ -88,8 +87,8 @@ class Tasks:
     def draw(self, ways: int, rng: np.random.Generator, chance: Generator) -> Task:
         """A task of W ways, fewer where there are fewer classes.
 
-        Half of the tasks take their classes from one collection. Half are seen in the mirror, one
-        in eight backwards, and of most some actions are made of two.
+        Half of the tasks take their classes from one collection. Half are seen in the mirror and
+        one in eight backwards, which makes actions that nobody recorded.
         """
         labels = [label for of_source in self._of_source for label in of_source]
         if rng.random() < 0.5 and self._sources.sum() > 0:
@@ -105,7 +104,6 @@ class Tasks:
             pair = [mirrored(clips) for clips in pair]
         if rng.random() < 0.125:
             pair = [backwards(clips) for clips in pair]
-        pair = composed(pair, rng)
         return self._task(pair[0], pair[1], chance)
 
     def _task(self, supports: Batch, queries: Batch, chance: Generator) -> Task:

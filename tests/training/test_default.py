@@ -112,10 +112,10 @@ def test_augmentation_leaves_unit_vectors_and_only_takes_parts_away(batch: Batch
 
 
 def test_negatives_are_another_motion_unless_it_is_the_same_that_way(batch: Batch) -> None:
-    kinds = torch.arange(len(KINDS)).repeat(3)
+    kinds = torch.arange(len(KINDS)).repeat(4)
     source = batch.rows(slice(0, len(kinds)))
     made = negatives(source, kinds, chance())
-    assert (apart(made, source) > 0.05).all()
+    assert (apart(made, source) > 0.1).all()
     torch.testing.assert_close(made.bones[0], source.bones[0].flip(0))
     # What swings to and fro is much the same backwards, what goes one way is not.
     swing = torch.sin(torch.arange(48) * 2 * torch.pi / 16)
