@@ -75,7 +75,7 @@ def test_a_full_disk_takes_the_document_and_not_the_table(
     file.write_text("before")
     words = ["evaluate", toys / "one.npz", "--baseline", "always-reject", "--episodes", 2]
     with files_up_to(100):
-        result = invoke(*words, "--json", file)
+        result = invoke(*words, "--json", file, "--force")
     assert result.exit_code == 74
     assert f"{file}: cannot be written: File too large." in result.stderr
     assert "FSOS-ACC" in result.stdout
