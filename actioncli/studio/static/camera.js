@@ -8,7 +8,7 @@ const COUNTDOWN = 3; // seconds
 const WIDTH = 480; // pixels of a live picture
 const QUALITY = 0.8; // of its JPEG
 const KINDS = ["video/webm;codecs=vp8", "video/webm", "video/mp4"];
-const EVENTS = 20; // kept on the list
+const EVENTS = 6; // on the list
 const RATED = 20; // pictures that the rate is computed from
 const SLOW = 3; // pictures a second: farther apart, they are not taken for one motion
 
