@@ -28,7 +28,7 @@ from actioncli.recognition.windows import FASTER, SLOWER, window_lengths
 # Seconds between looks at the stream.
 STRIDE = 0.2
 # Fitted by `tools/measure_live.py` on classes that the model had not seen.
-ODDS = 3.0
+ODDS = 2.0
 # Seconds of the longest window: the stream is not kept for longer.
 _LONGEST = 8.0
 _UNBEATEN = 0.4
