@@ -66,7 +66,7 @@ def watch(
 
     \b
     JSON keys:
-      label, start, end, confidence
+      label, start, end, confidence, weights
     """
     from actioncli.live.commands import CommandRunner
     from actioncli.live.recorder import Recorder
@@ -89,7 +89,7 @@ def watch(
                 on_frame=view.show,
                 note=lambda line: settings.tell(f"note: {printable(source)}: {line}"),
             ):
-                view.say(_line(settings, event))
+                view.say(_line(settings, event, recognizer.weights.checksum))
                 if run is not None:
                     run(event)
     finally:
@@ -101,9 +101,9 @@ def _note(line: str) -> None:
     note(printable(line))
 
 
-def _line(settings: Settings, event: Event) -> str:
+def _line(settings: Settings, event: Event, weights: str) -> str:
     if settings.json:
-        return json_text(event.to_json(), indent=None)
+        return json_text({**event.to_json(), "weights": weights}, indent=None)
     return (
         f"{event.start:8.1f} s  to {event.end:8.1f} s  {printable(event.label)}  "
         f"(confidence {event.confidence:.2f})"

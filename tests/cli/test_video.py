@@ -125,7 +125,7 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
     assert first.exit_code == 0, first.stderr
     events = [json.loads(line) for line in first.stdout.splitlines()]
     assert [event["label"] for event in events] == ["wave"]
-    assert set(events[0]) == {"label", "start", "end", "confidence"}
+    assert set(events[0]) == {"label", "start", "end", "confidence", "weights"}
     assert told.read_text() == f"wave {events[0]['confidence']:.3f}\n"
     assert invoke("watch", waving, "--json", "--tau", 0).stdout == first.stdout
     assert invoke("watch", waving, "--tau", 1).stdout == ""
@@ -203,6 +203,7 @@ def test_watch_keeps_what_it_told(
     folder = tmp_path / "seen"
     told = json.loads(invoke("watch", waving, "--json", "--tau", 0, "--record", folder).stdout)
     [kept] = json.loads(invoke("review", folder, "--json").stdout)["clips"]
+    assert told.pop("weights")
     assert {key: kept[key] for key in told} == told
     assert kept["event"] is True
     clip = read_clip(kept["file"])
