@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from actioncli.live.reactions import Reaction
     from actioncli.live.watching import Stream
     from actioncli.recognition.followed import FollowedSupport
+    from actioncli.recognition.recognizer import Recognizer
     from actioncli.recognition.support import SupportSet
 
 
@@ -156,7 +157,7 @@ def watch(
 
     \b
     JSON keys:
-      label, start, end, confidence, repetitions
+      label, start, end, confidence, repetitions, weights
     """
     from actioncli.live.film import Film
     from actioncli.live.recorder import Recorder
@@ -209,7 +210,7 @@ def watch(
                 on_frame=frame,
                 note=tell,
             ):
-                view.say(_line(settings, event))
+                view.say(_line(settings, event, recognizer))
                 if film is not None:
                     film.events.append(event)
                 for react in reactions:
@@ -283,8 +284,10 @@ def _reactions(
     return reactions
 
 
-def _line(settings: Settings, event: Event) -> str:
-    return json_text(event.to_json(), indent=None) if settings.json else event_line(event)
+def _line(settings: Settings, event: Event, recognizer: Recognizer) -> str:
+    if not settings.json:
+        return event_line(event)
+    return json_text({**event.to_json(), "weights": recognizer.weights.checksum}, indent=None)
 
 
 class _Plain:
