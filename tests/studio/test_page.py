@@ -54,7 +54,7 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     accepted = tab.get_by_role("article", name="Clip cleo.npz")
     rejected = tab.get_by_role("article", name="Clip ben.npz")
     expect(accepted.locator(".verdict")).to_contain_text(
-        "Recognised: wave (confidence 0.95 > τ 0.50)"
+        "Recognised: wave (confidence 0.95 > τ 0.75)"
     )
     expect(accepted.get_by_text("nearest: wave")).to_be_visible()
     expect(rejected.locator(".verdict")).to_contain_text("Rejected (nearest squat")
