@@ -9,7 +9,7 @@ import typer
 
 from actioncli.cli.answer import notes_of, short_names
 from actioncli.cli.command import Settings, command
-from actioncli.cli.options import FileReading, WeightsOption
+from actioncli.cli.options import StreamReading, WeightsOption
 from actioncli.cli.output import plural, printable, progress, say, table, write_json
 from actioncli.cli.reading import read_each, usable
 from actioncli.errors import ClipError, UsageError
@@ -41,8 +41,9 @@ def calibrate(
         ),
     ] = None,
     target_far: Annotated[
-        float, typer.Option(metavar="RATE", help="Wanted rate of false accepts.")
-    ] = 0.05,
+        float | None,
+        typer.Option(metavar="RATE", help="Wanted rate of false accepts.  [default: 0.05]"),
+    ] = None,
     per_action: Annotated[
         bool, typer.Option("--per-action", help="Give each action a threshold of its own.")
     ] = False,
@@ -59,8 +60,27 @@ def calibrate(
             help="Also write a page of plots and tables, with the figures as CSV and JSON.",
         ),
     ] = None,
+    background: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VIDEO|CAMERA|FILE",
+            help="Count false events of `watch` instead, on an ordinary day in which none of the "
+            "actions is done.",
+        ),
+    ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MINUTES",
+            help="How much of it.  [default: 10 of a camera or an address, all of a file]",
+        ),
+    ] = None,
+    target_events: Annotated[
+        float | None,
+        typer.Option(metavar="RATE", help="Wanted false events an hour.  [default: 0.5]"),
+    ] = None,
     weights: WeightsOption = None,
-    options: FileReading,
+    options: StreamReading,
 ) -> None:
     """Measure which threshold suits the support set.
 
@@ -74,11 +94,19 @@ def calibrate(
     set, and `classify` uses it unless --tau is given. Where there are too few motions to tell,
     none is kept, and `classify` uses 0.5.
 
+    With --background, a recording of ordinary life is watched under several thresholds, from 0.5
+    on. The lowest that holds the wanted number of false events an hour is kept, as above; how
+    many there may be is told with the upper end of a 95 % interval, since ten minutes show
+    little. What came nearest, up to 20 clips of events at 0.5, is kept as negatives (`enroll
+    --negative`); the threshold is chosen without them. --dry-run keeps neither.
+
     \b
     Examples:
       actioncli calibrate
       actioncli calibrate --negatives everyday/ --target-far 0.02 --dry-run
       actioncli calibrate --report calibration
+      actioncli calibrate --background 0 --minutes 60
+      actioncli calibrate --background kitchen.mp4 --target-events 0.2 --dry-run
       actioncli calibrate --reset
 
     \b
@@ -89,9 +117,34 @@ def calibrate(
       actions[]: label, examples, tau, false_accepts, false_rejects
       .false_accepts, .false_rejects, .misnamed: count, of, motions, rate, low, high
     With --reset: tau, kept
+    With --background: tau, measured, kept, weights, source, target_events, minutes, rates, events
+    With --background: negatives, notes
+      rates[]: tau, events, an_hour, high
+      events[]: label, start, end, confidence, repetitions
     """
     from actioncli.recognition.threshold import DEFAULT_TAU, Threshold, keep_threshold
 
+    if background is None and not (minutes is None and target_events is None):
+        raise UsageError("--minutes and --target-events belong to --background.")
+    if background is not None:
+        if reset or negatives or per_action or report or target_far is not None:
+            raise UsageError(
+                "--background counts events: no --negatives, --target-far, --per-action, --report "
+                "or --reset."
+            )
+        target_events = 0.5 if target_events is None else target_events
+        for name, value in (("minutes", minutes), ("target-events", target_events)):
+            if value is not None and not value > 0:
+                raise UsageError(f"--{name} must be above 0, not {value:g}.")
+        from actioncli.cli.background import calibrate_background
+        from actioncli.recognition.recognizer import Recognizer
+
+        recognizer = Recognizer(weights)
+        calibrate_background(
+            settings, options, recognizer, background, minutes, target_events, dry_run
+        )
+        return
+    target_far = 0.05 if target_far is None else target_far
     if reset:
         if negatives or per_action or dry_run or report:
             raise UsageError(

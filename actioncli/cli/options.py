@@ -174,6 +174,7 @@ def read_options(
 _FILE, _PERSON = "layout unit up fps", "quality person cache hands"
 _VIDEO = f"start end {_PERSON} pose pose_model"
 FileReading = Annotated[ReadOptions, Options(read_options, _FILE)]
+StreamReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} quality hands")]
 ArchiveReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_PERSON}")]
 VideoReading = Annotated[ReadOptions, Options(read_options, _VIDEO)]
 ClipReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_VIDEO}")]

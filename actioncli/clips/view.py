@@ -5,6 +5,7 @@ A pose network gives a place to legs under a desk, too, and moves them as it see
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,7 +35,8 @@ def faces_sensor(clip: Clip) -> bool:
     """Whether shoulders and hips are turned to the sensor, on the mean of the clip."""
     names = ("lsho", "rsho", "lhip", "rhip")
     joints = select_joints(clip.filled(), clip.joint_names, names, clip.source)
-    return bool(abs(headings(joints, names, np.array([len(clip)]))[0]) <= np.radians(FACING))
+    heading = float(headings(joints, names, np.array([len(clip)]))[0])
+    return abs(heading) <= math.radians(FACING)
 
 
 def seen_parts(clip: Clip) -> dict[str, float]:

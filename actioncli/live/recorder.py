@@ -170,13 +170,13 @@ class Recorder:
         self._event_end, self._near = event.end, None
         if self._seen is not None:
             clip, now = self._seen
-            part = _part(clip, now, event.start, event.end)
+            part = part_of(clip, now, event.start, event.end)
             self._keep(part, event.label, event.confidence, True, event.start, event.end)
 
     def _keep_near(self) -> None:
         if self._near is not None:
             (best, clip, now), self._near = self._near, None
-            part = _part(clip, now, best.start, now)
+            part = part_of(clip, now, best.start, now)
             self._keep(part, best.label, best.confidence, False, best.start, now)
 
     def _keep(
@@ -275,7 +275,7 @@ def _in_order(file: Path) -> tuple[int, str]:
     return _number(file), file.name
 
 
-def _part(clip: Clip, now: float, start: float, end: float) -> Clip | None:
+def part_of(clip: Clip, now: float, start: float, end: float) -> Clip | None:
     """What the stream showed from `start` to `end`, as far as `clip`, which ends at `now`, goes
     back; None where nothing moved."""
     from actioncli.clips.clip import Clip

@@ -103,14 +103,7 @@ def watch(
     enrolled = follow()
     enrolled.require_actions()
     detector = EventDetector(enrolled if tau is None else enrolled.with_tau(tau), facing)
-    stream: Stream
-    if isinstance(source, Clip):
-        stream = _ClipStream(source, max(detector.windows) + 1)
-    else:
-        from actioncli.live.stream import VideoStream
-
-        hear = note or (lambda line: None)
-        stream = VideoStream(source, quality, max(detector.windows) + 1, hands, retry, hear)
+    stream = open_stream(source, max(detector.windows) + 1, quality, hands, retry, note)
     sets = Sets()
     looked, frames, seen, now = -STRIDE, 0, 0, 0.0
     lost: ClipError | None = None
@@ -137,7 +130,7 @@ def watch(
                         recorder.update(clip, now, detector.ranking, over, busy)
                 if on_frame is not None:
                     on_frame(now, stream, detector)
-            for line in _ending(stream, frames, seen, now, min(detector.windows)):
+            for line in ending(stream, frames, seen, now, min(detector.windows)):
                 if note is not None:
                     note(line)
         except KeyboardInterrupt:
@@ -166,10 +159,41 @@ def events_in(clip: Clip, support: SupportSet) -> list[Event]:
     return list(watch(clip, support)) if clip.duration > LONG * usual else []
 
 
-def _ending(stream: Stream, frames: int, seen: int, now: float, shortest: float) -> Iterator[str]:
-    ending = stream.end(frames)
-    if ending is not None:
-        yield ending
+def open_stream(
+    source: int | str | Path | Clip,
+    seconds: float,
+    quality: str = DEFAULT_QUALITY,
+    hands: bool = True,
+    retry: float = RETRY_SECONDS,
+    note: Callable[[str], None] | None = None,
+) -> Stream:
+    """A source, of which so many seconds are remembered; the rest is as in `watch`.
+
+    Raises:
+        ClipError, UsageError: as `watch`.
+    """
+    if isinstance(source, Clip):
+        return _ClipStream(source, seconds)
+    from actioncli.live.stream import VideoStream
+
+    return VideoStream(source, quality, seconds, hands, retry, note or (lambda line: None))
+
+
+def ending(stream: Stream, frames: int, seen: int, now: float, shortest: float) -> Iterator[str]:
+    """What is to be said of a stream that is over.
+
+    Args:
+        stream: which.
+        frames, seen: how many there were, and in how many somebody was seen.
+        now: its last second.
+        shortest: seconds of the shortest window.
+
+    Raises:
+        ClipError: there was nothing to watch.
+    """
+    lacking = stream.end(frames)
+    if lacking is not None:
+        yield lacking
     if not seen:
         yield f"nobody was seen in any of {frames} frames"
     if frames and now < shortest:

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from actioncli import Recognizer, SupportStore
+from actioncli import Clip, Recognizer, SupportStore, read_clip
 from actioncli.calibration.threshold import TAUS
 from actioncli.calibration.trials import KINDS
+from actioncli.clips.write import write_clip
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
 from .conftest import ACTIONS, EXAMPLES, Ask, Invoke
@@ -89,6 +90,8 @@ def test_keys_are_the_documented_ones(invoke: Invoke, ask: Ask, several: Support
     documentation = documented(invoke("calibrate", "--help").stdout)
     figures = documentation.pop(".false_accepts, .false_rejects, .misnamed")
     reset = documentation.pop("With --reset")
+    for path in ("With --background", "rates[]", "events[]"):
+        documentation.pop(path)
     assert keys == documentation
     kinds = {path.rpartition(".")[2] for path in rates}
     assert kinds == {"false_accepts", "false_rejects", "misnamed"}
@@ -211,3 +214,89 @@ def test_calibrated_decisions_keep_the_wanted_rate(
     assert (counted["count"], counted["of"]) == (decided["accepted"], 12)
     assert counted["rate"] <= 0.25
     assert len(ACTIONS) == len(several.actions())
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Somebody waves, three times, and stands between."""
+    clip = read_clip(EXAMPLES / "wave_right" / "cleo.npz")
+    still = np.repeat(clip.joints[-1:], round(3 * clip.fps), axis=0)
+    joints = np.concatenate([still, *[clip.joints, still] * 3])
+    joints = joints + np.random.default_rng(0).normal(0, 1e-4, joints.shape)
+    file = tmp_path_factory.mktemp("day") / "day.npz"
+    write_clip(file, Clip(joints, clip.joint_names, clip.fps))
+    return file
+
+
+def test_an_ordinary_day_is_counted_and_becomes_negatives(
+    invoke: Invoke, ask: Ask, store: SupportStore, day: Path, checksum: str
+) -> None:
+    assert invoke("enroll", "squat", SQUAT, "-q").exit_code == 0
+    quiet = ask("calibrate", "--background", day)
+    assert (quiet["tau"], quiet["kept"], quiet["negatives"], quiet["events"]) == (0.5, True, [], [])
+    assert [row["events"] for row in quiet["rates"]] == [0] * 10
+    # Three events were to be expected where e^-3.7 is 0.025, and there were none.
+    hours = quiet["minutes"] / 60
+    assert quiet["rates"][0]["high"] == pytest.approx(3.689 / hours, rel=1e-3)
+    assert "minutes are few: it may be up to" in quiet["notes"][0]
+    assert kept_threshold(store) == Threshold(0.5, checksum)
+
+    # It is no ordinary day for whoever enrols what is done in it.
+    wave = EXAMPLES / "wave_right" / "ada.npz"
+    assert invoke("enroll", "wave", wave, "-q", "--keep-tau").exit_code == 0
+    words = ["calibrate", "--background", day]
+    dry = ask(*words, "--dry-run")
+    assert [event["label"] for event in dry["events"]] == ["wave"] * 3
+    assert dry["rates"][0]["events"] == 3
+    counts = [row["events"] for row in dry["rates"]]
+    assert counts == sorted(counts, reverse=True)
+    [chosen] = [row for row in dry["rates"] if row["tau"] == dry["tau"]]
+    assert (chosen["events"], dry["kept"], dry["negatives"]) == (0, False, [])
+    assert dry["tau"] > max(event["confidence"] for event in dry["events"])
+    assert kept_threshold(store) == Threshold(0.5, checksum)
+    assert len(store.negatives()) == 0
+    often = ask(*words, "--dry-run", "--target-events", 1e4)
+    assert (often["tau"], often["target_events"]) == (0.5, 1e4)
+    part = ask(*words, "--dry-run", "--minutes", 0.2)
+    assert part["minutes"] == pytest.approx(0.2, abs=0.02)
+    assert len(part["events"]) < 3
+
+    result = invoke(*words)
+    assert result.exit_code == 0
+    assert "What came nearest, 3 clips, is kept as negatives." in result.stdout
+    assert result.stdout.endswith(f"\ntau {dry['tau']:g}: kept, watch and classify use it unless "
+                                  "--tau is given\n")  # fmt: skip
+    assert "actioncli remove negatives --example" in result.stderr
+    assert kept_threshold(store) == Threshold(dry["tau"], checksum)
+    assert [one.source for one in store.negatives()] == [
+        f"{day.name} {event['start']:.1f} s to {event['end']:.1f} s" for event in dry["events"]
+    ]
+
+
+def test_keys_of_an_ordinary_day_are_the_documented_ones(
+    invoke: Invoke, ask: Ask, several: SupportStore, day: Path
+) -> None:
+    keys = found(ask("calibrate", "--background", day, "--dry-run"), "", {})
+    documentation = documented(invoke("calibrate", "--help").stdout)
+    assert keys[""] == documentation["With --background"]
+    for path in ("rates[]", "events[]"):
+        assert keys[path] == documentation[path]
+
+
+@pytest.mark.parametrize(
+    ("words", "wrong"),
+    [
+        (["--minutes", "3"], "belong to --background"),
+        (["--background", "0", "--reset"], "counts events"),
+        (["--background", "0", "--target-far", "0.1"], "counts events"),
+        (["--background", "0", "--minutes", "nan"], "must be above 0"),
+        (["--background", "0", "--target-events", "0"], "must be above 0"),
+        (["--background", "0", "--unit", "mm"], "for files of joints"),
+    ],
+)
+def test_options_that_an_ordinary_day_does_not_go_with(
+    invoke: Invoke, words: list[str], wrong: str
+) -> None:
+    result = invoke("calibrate", *words)
+    assert result.exit_code == 2
+    assert wrong in " ".join(result.stderr.split())
