@@ -90,7 +90,7 @@ def watch_background(
     seconds: float = math.inf,
     *,
     quality: str = DEFAULT_QUALITY,
-    hands: bool = True,
+    hands: bool | None = None,
     note: Callable[[str], None] | None = None,
     on_frame: Callable[[float, Stream], None] | None = None,
 ) -> Background:

@@ -163,7 +163,7 @@ def open_stream(
     source: int | str | Path | Clip,
     seconds: float,
     quality: str = DEFAULT_QUALITY,
-    hands: bool = True,
+    hands: bool | None = None,
     retry: float = RETRY_SECONDS,
     note: Callable[[str], None] | None = None,
 ) -> Stream:
