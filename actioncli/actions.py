@@ -75,6 +75,7 @@ class Actions:
         note: str = "",
         negative: bool = False,
         either_side: bool = False,
+        keep_tau: bool = False,
     ) -> list[Enrolled]:
         """Keep clips as examples of an action, all of them or none; see `enrolment.enrol`.
 
@@ -84,7 +85,8 @@ class Actions:
             StoreError: the store cannot be written.
         """
         read = [_clip(clip) for clip in clips]
-        return enrol(self.store, self.recognizer, label, read, note, negative, either_side)
+        options = note, negative, either_side, keep_tau
+        return enrol(self.store, self.recognizer, label, read, *options)
 
     def classify(self, clip: str | Path | Clip, tau: float | None = None) -> Decision:
         """Name the action that a clip shows, or reject it.

@@ -305,3 +305,14 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.6g}") if math.isfinite(value) else None
     return value
+
+
+# What a spreadsheet takes for the beginning of a formula.
+_FORMULA = frozenset("=+-@\t\r\n＝＋－＠")
+
+
+def csv_cell(value: object) -> object:
+    """A value for a cell that people open in a spreadsheet: labels and names come from anywhere."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return f"'{value}" if isinstance(value, str) and value[:1] in _FORMULA else value

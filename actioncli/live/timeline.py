@@ -7,6 +7,7 @@ import io
 from pathlib import Path
 
 from actioncli.errors import UsageError
+from actioncli.files import csv_cell
 from actioncli.live.events import Event
 from actioncli.live.reactions import Reaction
 
@@ -55,7 +56,7 @@ class Table(Timeline):
         """A row, with seconds to the hundredth."""
         row = io.StringIO()
         times = (f"{event.start:.2f}", f"{event.end:.2f}")
-        columns = (event.label, *times, f"{event.confidence:.3f}", event.repetitions)
+        columns = (csv_cell(event.label), *times, f"{event.confidence:.3f}", event.repetitions)
         csv.writer(row).writerow(columns)
         return row.getvalue()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from actioncli.errors import UsageError
-from actioncli.files import json_text, replacing
+from actioncli.files import csv_cell, json_text, replacing
 
 Row = dict[str, Any]
 
@@ -16,7 +16,6 @@ Row = dict[str, Any]
 PAGE, FIGURES = "index.html", "figures.json"
 
 # Some spreadsheets read the signs of full width like the others.
-_FORMULA = frozenset("=+-@\t\r\n＝＋－＠")
 
 
 def check_folder(folder: Path) -> None:
@@ -76,13 +75,4 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         if rows:
             writer = csv.DictWriter(file, list(rows[0]))
             writer.writeheader()
-            writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    # A spreadsheet takes what begins like this for a formula; labels come from anywhere.
-    if isinstance(value, str) and value[:1] in _FORMULA:
-        return f"'{value}"
-    return value
+            writer.writerows({key: csv_cell(value) for key, value in row.items()} for row in rows)

@@ -28,6 +28,11 @@ def test_a_table_has_a_row_for_each_event(tmp_path: Path) -> None:
     assert rows[1]["repetitions"] == "2"
 
 
+def test_no_label_is_a_formula(tmp_path: Path) -> None:
+    Table(tmp_path / "events.csv")(Event("=HYPERLINK(A1)", 0.0, 1.0, 0.9))
+    assert "\n'=HYPERLINK(A1),0.00" in (tmp_path / "events.csv").read_text()
+
+
 def test_subtitles_are_those_of_players(tmp_path: Path) -> None:
     file = tmp_path / "events.srt"
     subtitles = Subtitles(file)
