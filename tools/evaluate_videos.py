@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from actioncli.clips.clip import Clip
+from actioncli.clips.clip import Clip, FloatArray
 from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream, file_frames
 from actioncli.pose.frames import VideoFile
@@ -33,6 +33,7 @@ from actioncli.recognition.threshold import DEFAULT_TAU
 
 # The joined video: size, frame rate, and seconds that a clip may take of it.
 SIZE, FPS, LONGEST = (640, 480), 25, 8.0
+TAUS = (0.1, 0.2, 0.3, 0.4, 0.5)
 
 
 @dataclass(frozen=True)
@@ -110,15 +111,25 @@ def join(parts: Sequence[Recording], path: Path) -> list[tuple[str, float, float
     return truth
 
 
-def watched(path: Path, detector: EventDetector, quality: str) -> list[Event]:
-    """The events in a video."""
+Looks = list[tuple[FloatArray, Clip | None, float]]
+
+
+def looks_at(path: Path, detector: EventDetector, quality: str) -> Looks:
+    """What each look at a video says of each window and action, the last seconds, and when."""
     poses = PoseStream(quality, seconds=max(detector.windows) + 1)
-    events, looked = [], -STRIDE
+    looks: Looks = []
     for frame in file_frames(VideoFile(path)):
         poses.add(frame)
-        if frame.time - looked >= STRIDE:
-            looked = frame.time
-            events += detector.update(poses.clip(), frame.time)
+        if not looks or frame.time - looks[-1][2] >= STRIDE:
+            clip = poses.clip()
+            looks.append((detector.look(clip), clip, frame.time))
+    return looks
+
+
+def told(looks: Looks, support: SupportSet) -> list[Event]:
+    """The events."""
+    detector = EventDetector(support)
+    events = [event for look in looks for event in detector.take(*look)]
     return events + detector.finish()
 
 
@@ -129,13 +140,13 @@ class Tally:
     Attributes:
         performed: performances of enrolled actions.
         right: events of the right label during one, the first of each.
-        twice: further events of a performance that has one.
+        more: further events during a performance, which is of several repetitions.
         wrong: all other events.
     """
 
     performed: int = 0
     right: int = 0
-    twice: int = 0
+    more: int = 0
     wrong: int = 0
 
     def add(self, events: Sequence[Event], truth: Sequence[tuple[str, float, float]]) -> None:
@@ -153,17 +164,17 @@ class Tally:
                 open_.remove(first)
                 self.right += 1
             elif during:
-                self.twice += 1
+                self.more += 1
             else:
                 self.wrong += 1
 
     def row(self) -> str:
-        """Cells of a table; what is told twice counts against precision."""
-        events = self.right + self.twice + self.wrong
+        """Cells of a table."""
+        events = self.right + self.wrong
         precision = f"{self.right / events:.2f}" if events else "-"
         recall = f"{self.right / self.performed:.2f}" if self.performed else "-"
         return (
-            f"{precision} | {recall} | {self.performed} | {self.right} | {self.twice} | "
+            f"{precision} | {recall} | {self.performed} | {self.right} | {self.more} | "
             f"{self.wrong}"
         )
 
@@ -175,9 +186,9 @@ def watching(
     quality: str,
     videos: int,
     seed: int,
-) -> str:
-    """A row: precision and recall of events over several joined videos."""
-    tally = Tally()
+) -> list[str]:
+    """Rows: tau, and precision and recall of events over several joined videos."""
+    tallies = {tau: Tally() for tau in TAUS}
     random = np.random.default_rng(seed)
     ways = list(enrolments(recordings, actions))
     for way in random.permutation(len(ways))[:videos]:
@@ -189,9 +200,11 @@ def watching(
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "joined.mp4")
             truth = join(parts, path)
-            events = watched(path, detector, quality)
-        tally.add(events, [one for one in truth if one[0] in actions])
-    return tally.row()
+            looks = looks_at(path, detector, quality)
+        for tau, tally in tallies.items():
+            events = told(looks, support.with_tau(tau))
+            tally.add(events, [one for one in truth if one[0] in actions])
+    return [f"{tau} | {tally.row()}" for tau, tally in tallies.items()]
 
 
 def main() -> None:
@@ -217,14 +230,14 @@ def main() -> None:
         row = classification(recognizer, read(quality, rate), arguments.actions)
         print(f"| {quality} | {rate:g} | {row} |", flush=True)
     if arguments.videos:
-        print("\n| quality | precision | recall | performances | right | twice | wrong |")
-        print("| --- | --- | --- | --- | --- | --- | --- |")
+        print("\n| quality | tau | precision | recall | performances | right | more | wrong |")
+        print("|" + " --- |" * 8)
     for quality in arguments.qualities if arguments.videos else ():
         recordings = read(quality, 15)
-        row = watching(
+        for row in watching(
             recognizer, recordings, arguments.actions, quality, arguments.videos, arguments.seed
-        )
-        print(f"| {quality} | {row} |", flush=True)
+        ):
+            print(f"| {quality} | {row} |", flush=True)
 
 
 if __name__ == "__main__":
