@@ -1,17 +1,16 @@
 """Performed actions in a stream of poses: sliding windows, and the best of those that overlap.
 
-The evidence for an action is the log odds of its windows, averaged over neighbouring lengths and
-the last looks: a performance is seen by several of them, a chance match by one. Who looks at a
-stream again and again has many chances of a false match, so its odds count `ODDS` times less than
-those of a clip. What remains the best for `_UNBEATEN` seconds is an event, its bounds are those of
-the motion in its window, and the next one begins where it ended: every repetition is an event.
+A window whose nearest action is one of about its length, surer than the threshold, is a match. What
+remains the best for `_UNBEATEN` seconds is an event, its bounds are those of the motion in its
+window, and the next one begins where it ended: every repetition is an event. Averages over
+neighbouring windows and looks, and a price for many looks, were measured beside this, and told less
+at as many false events an hour (`tools/measure_live.py`).
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -27,13 +26,9 @@ from actioncli.recognition.windows import FASTER, SLOWER, window_lengths
 
 # Seconds between looks at the stream.
 STRIDE = 0.2
-# Fitted by `tools/measure_live.py` on classes that the model had not seen.
-ODDS = 2.0
 # Seconds of the longest window: the stream is not kept for longer.
 _LONGEST = 8.0
 _UNBEATEN = 0.4
-# Looks back are averaged over this share of a window's length; its neighbours count a quarter.
-_LOOKS_BACK, _NEIGHBOURS = 0.2, 0.25
 # How much of a window may lie before the end of the last event.
 _OVERLAP = 0.25
 # Log odds of a window that cannot be compared.
@@ -116,8 +111,6 @@ class EventDetector:
         lengths = np.array(self.windows)[:, None]
         usual = usual.clip(lengths[0] / FASTER, lengths[-1] / SLOWER)
         self._fits = (lengths > 0.99 * FASTER * usual) & (lengths < 1.01 * SLOWER * usual)
-        self._back = [max(1, round(_LOOKS_BACK * seconds / STRIDE)) for seconds in self.windows]
-        self._looks = deque[FloatArray](maxlen=max(self._back))
         if self.current is not None and self.current.label not in support.actions:
             self.current = None
 
@@ -153,8 +146,7 @@ class EventDetector:
 
     def take(self, odds: FloatArray, clip: Clip | None, now: float) -> list[Event]:
         """What `look` said of `clip` at `now`, see `update`."""
-        self._looks.append(odds)
-        candidates = self._candidates(now)
+        candidates = self._candidates(odds, now)
         best: dict[str, Candidate] = {}
         for seen in candidates:
             best.setdefault(seen.label, seen)
@@ -197,21 +189,14 @@ class EventDetector:
         self._last = event
         return [event]
 
-    def _candidates(self, now: float) -> list[Candidate]:
+    def _candidates(self, odds: FloatArray, now: float) -> list[Candidate]:
         """Windows whose nearest is an action that they fit, surest first."""
-        if not self._support:
-            return []
-        looks = np.array(self._looks)
-        mean = np.stack([looks[-back:, row].mean(axis=0) for row, back in enumerate(self._back)])
-        beside = np.stack(
-            [mean[max(row - 1, 0) : row + 2].mean(axis=0) for row in range(len(mean))]
-        )
-        odds = mean + _NEIGHBOURS * (beside - mean) - math.log(ODDS)
         labels, found = list(self._support), []
-        for row, nearest in enumerate(odds.argmax(axis=1).tolist()):
-            fits = nearest < self._fits.shape[1] and self._fits[row, nearest]
-            if fits and looks[-1, row, nearest] > _NEVER:
-                sure = 1 / (1 + math.exp(-float(odds[row, nearest])))
+        for row, of_row in enumerate(odds):
+            nearest = int(of_row.argmax()) if labels else -1
+            fits = 0 <= nearest < self._fits.shape[1] and self._fits[row, nearest]
+            if fits and of_row[nearest] > _NEVER:
+                sure = 1 / (1 + math.exp(-float(of_row[nearest])))
                 found.append(Candidate(labels[nearest], sure, now - self.windows[row]))
         return sorted(found, key=lambda seen: -seen.confidence)
 

@@ -167,12 +167,15 @@ def test_stream_lost(shared: Path, filled: SupportStore, tmp_path: Path, run: Ru
         tmp_path,
     ]
     with subprocess.Popen([*map(str, words)], stderr=subprocess.DEVNULL) as server:
-        for _ in range(50):
-            done = run("watch", "http://127.0.0.1:18766/x.mjpg")
-            if "cannot be opened" not in done.stderr:
-                break
-        server.terminate()
-    assert "has ended" in done.stderr
+        try:
+            for _ in range(50):
+                done = run("watch", "http://127.0.0.1:18766/x.mjpg", "--retry", 0)
+                if "cannot be opened" not in done.stderr:
+                    break
+        finally:
+            server.terminate()
+    assert done.returncode == 3
+    assert "127.0.0.1:18766" in done.stderr
     assert "-0.0 s" not in done.stdout
 
 

@@ -14,7 +14,7 @@ from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.clips.view import faces_sensor
 from actioncli.errors import SupportError
-from actioncli.live.events import ODDS, STRIDE, Event, EventDetector
+from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.watching import watch
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights
@@ -127,19 +127,9 @@ def test_what_is_told_is_the_best_of_what_overlaps() -> None:
     assert [event.label for event in script.rest(4)] == ["wave"]
 
 
-def test_the_price_of_many_looks_is_in_the_confidence() -> None:
-    sure = 0.95
-    script = Script("wave")
-    script.see({"wave": sure})
-    (event,) = script.rest(3)
-    odds = sure / (1 - sure) / ODDS
-    assert event.confidence == pytest.approx(odds / (1 + odds), abs=1e-4)
-    assert script.detector.ranking == ()
-
-
 @pytest.mark.parametrize(("label", "tau"), [("wave", 0.5), ("bow", 0.9)])
 def test_confidence_must_exceed_the_threshold_of_the_action(label: str, tau: float) -> None:
-    odds = ODDS * tau / (1 - tau)
+    odds = tau / (1 - tau)
     for factor, count in ((0.99, 0), (1.01, 1)):
         script = Script(label)
         confidence = factor * odds / (1 + factor * odds)
@@ -147,18 +137,12 @@ def test_confidence_must_exceed_the_threshold_of_the_action(label: str, tau: flo
         assert len(script.rest(4)) == count
 
 
-def test_one_window_at_one_look_is_less_than_all_of_them() -> None:
+def test_the_confidence_is_that_of_the_best_window() -> None:
     script = Script("wave")
-    sure = {"wave": 0.9}
-    script.see({})
-    for _ in range(3):
-        script.see(sure)
-    assert len(script.rest(4)) == 1
-    script.see(sure, windows=[1])
-    assert script.rest(4) == []
-    # The longest window is averaged over three looks.
-    script.see(sure, windows=[2])
-    assert script.rest(4) == []
+    script.see({"wave": 0.6}, windows=[0, 2])
+    script.see({"wave": 0.9}, windows=[1])
+    (event,) = script.rest(3)
+    assert event.confidence == pytest.approx(0.9, abs=1e-4)
 
 
 def test_the_bounds_are_those_of_the_motion() -> None:
