@@ -174,8 +174,7 @@ class Tally:
         precision = f"{self.right / events:.2f}" if events else "-"
         recall = f"{self.right / self.performed:.2f}" if self.performed else "-"
         return (
-            f"{precision} | {recall} | {self.performed} | {self.right} | {self.more} | "
-            f"{self.wrong}"
+            f"{precision} | {recall} | {self.performed} | {self.right} | {self.more} | {self.wrong}"
         )
 
 

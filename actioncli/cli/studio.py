@@ -48,7 +48,7 @@ def studio(
         ),
     ] = None,
 ) -> None:
-    """Record, enrol, try live and calibrate on a page in the browser.
+    """Record, enrol and try actions on a page in the browser.
 
     With nothing enrolled, example clips are offered to begin with; with two actions, trying them
     live comes first, large enough to be read across a room.

@@ -14,7 +14,6 @@ from actioncli.clips.drawing import strip
 from actioncli.clips.gaps import filled
 from actioncli.clips.skeleton import FloatArray as FloatArray
 from actioncli.errors import ClipError
-from actioncli.files import data_frame
 
 # Positions beyond this distance (metres) are not a person near a sensor but a wrong unit.
 LARGEST_COORDINATE = 1e4
@@ -150,6 +149,8 @@ class Clip:
         """
         times = self.start + np.arange(len(self)) / self.fps
         columns = [f"{name}.{axis}" for name in self.joint_names for axis in "xyz"]
+        from actioncli.files import data_frame
+
         table = data_frame(self.joints.reshape(len(self), -1), index=times, columns=columns)
         table.index.name = "seconds"
         return table

@@ -96,7 +96,7 @@ LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "holistic_75": " ".join((_BLAZEPOSE, *HAND_JOINTS)),
             # OpenPose's 25, then 24 of data sets, as SPIN, VIBE and PyMAF give them.
             "spin_49": "nose neck rsho relb rwri lsho lelb lwri pelv rhip rkne rank lhip lkne lank "
-            "reye leye rear lear lbigtoe lsmalltoe lheel rbigtoe rsmalltoe rheel "
+            "reye leye rear lear lbigtoe llittletoe lheel rbigtoe rlittletoe rheel "
             "rank_lsp rkne_lsp rhip_lsp lhip_lsp lkne_lsp lank_lsp rwri_lsp relb_lsp rsho_lsp "
             "lsho_lsp lelb_lsp lwri_lsp neck_lsp htop pelv_mpii thor spin jaw head nose_coco "
             "leye_coco reye_coco lear_coco rear_coco",

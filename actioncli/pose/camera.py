@@ -71,7 +71,9 @@ def open_source(
         live.close()
         return VideoFile(name)
     path = Path(name)
-    return LiveSource(path, retry, note) if path.is_char_device() else VideoFile(path)
+    # A device that is not there, or no more, is a camera that cannot be opened, not a file.
+    device = path.is_char_device() or path.parts[:2] == ("/", "dev")
+    return LiveSource(path, retry, note) if device else VideoFile(path)
 
 
 def cameras() -> list[tuple[int, str]]:
