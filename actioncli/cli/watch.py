@@ -132,8 +132,9 @@ def watch(
     """Tell every enrolled action that somebody performs.
 
     Windows of several lengths slide over the poses of one person; every repetition is an event,
-    told when it is over, with how many it makes in a row. A camera's frames that come too late are
-    dropped. A video gives the same events every time, from an address too.
+    told when it is over, with how many it makes in a row. Many looks are many chances of a false
+    match, so confidences are lower than those of `classify` for the same clip. A camera's frames
+    that come too late are dropped. A video gives the same events every time, from an address too.
     A camera or a stream that breaks is told, and opened again; where it stays away, watching ends
     with exit code 3. Ctrl-C ends it. With --json, every event is a document on a line of its own.
 
