@@ -83,9 +83,8 @@ def line_of(decision: Decision, name: str, width: int) -> str:
 
 def event_line(event: Event) -> str:
     """`   2.1 s  to    4.2 s  wave x2  (confidence 0.84)`."""
-    often = f" x{event.repetitions}" if event.repetitions > 1 else ""
     return (
-        f"{event.start:8.1f} s  to {event.end:8.1f} s  {printable(event.label)}{often}  "
+        f"{event.start:8.1f} s  to {event.end:8.1f} s  {printable(event.counted)}  "
         f"(confidence {event.confidence:.2f})"
     )
 

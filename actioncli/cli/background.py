@@ -116,8 +116,10 @@ def _source(source: str, options: ReadOptions) -> str | Clip:
         ClipError: it cannot be.
         UsageError: an option that means nothing for this source.
     """
+    from actioncli.pose.camera import is_device
+
     path = Path(source)
-    stream = source.isdecimal() or "://" in source or path.is_char_device() or is_video(path)
+    stream = source.isdecimal() or "://" in source or is_device(path) or is_video(path)
     if not stream:
         return read_any(path, options)
     for name in ("layout", "fps", "unit", "up"):

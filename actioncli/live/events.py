@@ -60,6 +60,11 @@ class Event:
     confidence: float
     repetitions: int = 1
 
+    @property
+    def counted(self) -> str:
+        """The label, and how often in a row it was done where that is more than once."""
+        return self.label + (f" x{self.repetitions}" if self.repetitions > 1 else "")
+
     def to_json(self) -> dict[str, object]:
         """As plain values."""
         return asdict(self)

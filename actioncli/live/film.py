@@ -8,7 +8,6 @@ from pathlib import Path
 from actioncli.errors import ClipError
 from actioncli.live.events import Event
 from actioncli.live.stream import VideoStream
-from actioncli.live.timeline import counted
 from actioncli.live.watching import Stream
 from actioncli.pose.annotate import annotate_video
 from actioncli.pose.landmarks import Body
@@ -44,7 +43,7 @@ class Film:
     def lines(self, now: float) -> list[str]:
         """What is told of the events at a time, seconds."""
         return [
-            f"{counted(event)} {event.confidence:.2f}"
+            f"{event.counted} {event.confidence:.2f}"
             for event in self.events
             if event.start <= now <= max(event.end, event.start + _LEAST_SECONDS)
         ]

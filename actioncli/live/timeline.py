@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from abc import abstractmethod
 from pathlib import Path
 
 from actioncli.errors import UsageError
@@ -35,9 +36,9 @@ class Timeline(Reaction):
         self._count += 1
         self._write(self.text(event, self._count), "a")
 
+    @abstractmethod
     def text(self, event: Event, number: int) -> str:
         """What stands in the file of the event with this number, from 1."""
-        raise NotImplementedError
 
     def _write(self, text: str, mode: str) -> None:
         try:
@@ -67,12 +68,7 @@ class Subtitles(Timeline):
     def text(self, event: Event, number: int) -> str:
         """A subtitle from the event's start to its end."""
         span = f"{_clock(event.start)} --> {_clock(event.end)}"
-        return f"{number}\r\n{span}\r\n{counted(event)} ({event.confidence:.2f})\r\n\r\n"
-
-
-def counted(event: Event) -> str:
-    """The label, and how often in a row it was done where that is more than once."""
-    return event.label + (f" x{event.repetitions}" if event.repetitions > 1 else "")
+        return f"{number}\r\n{span}\r\n{event.counted} ({event.confidence:.2f})\r\n\r\n"
 
 
 def _clock(seconds: float) -> str:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
-
-import numpy as np
 
 from actioncli.clips.clip import Clip
 from actioncli.clips.edit import cut
@@ -16,7 +13,7 @@ from actioncli.errors import ClipError
 from actioncli.live.events import STRIDE, Event, EventDetector, Sets
 from actioncli.pose import RETRY_SECONDS
 from actioncli.recognition.support import SupportSet
-from actioncli.recognition.windows import LONG
+from actioncli.recognition.windows import is_long
 
 if TYPE_CHECKING:
     from actioncli.live.recorder import Recorder
@@ -155,8 +152,7 @@ def events_in(clip: Clip, support: SupportSet) -> list[Event]:
     Raises:
         SupportError: no action is enrolled.
     """
-    usual = float(np.median([*support.durations.values()])) if support.durations else math.inf
-    return list(watch(clip, support)) if clip.duration > LONG * usual else []
+    return list(watch(clip, support)) if is_long(clip, support.durations.values()) else []
 
 
 def open_stream(

@@ -42,6 +42,11 @@ _LIGHT = 0.7
 _LAST_FRAME = 1.0
 
 
+def is_device(path: Path) -> bool:
+    """Whether a path is a camera's: one that is not there, or no more, is no file either."""
+    return path.is_char_device() or path.parts[:2] == ("/", "dev")
+
+
 def open_source(
     source: int | str | Path,
     retry: float = RETRY_SECONDS,
@@ -71,9 +76,7 @@ def open_source(
         live.close()
         return VideoFile(name)
     path = Path(name)
-    # A device that is not there, or no more, is a camera that cannot be opened, not a file.
-    device = path.is_char_device() or path.parts[:2] == ("/", "dev")
-    return LiveSource(path, retry, note) if device else VideoFile(path)
+    return LiveSource(path, retry, note) if is_device(path) else VideoFile(path)
 
 
 def cameras() -> list[tuple[int, str]]:

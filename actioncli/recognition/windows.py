@@ -74,10 +74,17 @@ def most_windows(clip: Clip, durations: Iterable[float]) -> int:
     return sum(count for _, count in _counts(clip, durations))
 
 
+def is_long(clip: Clip, durations: Iterable[float]) -> bool:
+    """Whether a clip is so much longer than the enrolled ones that an action may be a part of it;
+    not where their durations, seconds, are not known."""
+    seconds = np.array(list(durations))
+    return bool(len(seconds)) and clip.duration > LONG * float(median(seconds))
+
+
 def _counts(clip: Clip, durations: Iterable[float]) -> Iterator[tuple[float, int]]:
     """Length, seconds, and number of the windows of a long clip."""
-    seconds_of_actions = np.array(list(durations))
-    if not len(seconds_of_actions) or clip.duration <= LONG * float(median(seconds_of_actions)):
+    seconds_of_actions = list(durations)
+    if not is_long(clip, seconds_of_actions):
         return
     for seconds in window_lengths(seconds_of_actions):
         room = clip.duration - seconds

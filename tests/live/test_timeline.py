@@ -7,7 +7,7 @@ import pytest
 
 from actioncli.errors import UsageError
 from actioncli.live.events import Event, Sets
-from actioncli.live.timeline import Subtitles, Table, counted
+from actioncli.live.timeline import Subtitles, Table
 
 WAVE = Event("wave, left", 1.0, 2.5, 0.912345)
 AGAIN = Event("wave, left", 3.0, 4.5, 0.8, repetitions=2)
@@ -52,7 +52,7 @@ def test_every_event_is_there_once_it_is_told(tmp_path: Path) -> None:
 
 
 def test_repetitions_are_counted() -> None:
-    assert (counted(WAVE), counted(AGAIN)) == ("wave, left", "wave, left x2")
+    assert (WAVE.counted, AGAIN.counted) == ("wave, left", "wave, left x2")
 
 
 def test_a_set_is_told_when_it_is_over() -> None:
