@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from cases import cases
+from cases import TIMES, cases
 from hypothesis import Phase, settings
 
 # Training needs the extra `train`; all else is tested without it too.
@@ -20,7 +20,10 @@ if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # How long an example takes says how busy the machine is; time is measured by the benchmarks.
-settings.register_profile("untimed", deadline=None, max_examples=cases())
+# Two runs of one revision try the same examples; more and other ones belong to `make nightly`.
+settings.register_profile(
+    "untimed", deadline=None, max_examples=cases(), derandomize=TIMES == 1, database=None
+)
 # Mutants die or survive alike in every run, and what kills one need not be made simpler.
 settings.register_profile(
     "mutants", deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate]

@@ -157,7 +157,10 @@ def _rebuild(copy: Path, whole: Path, path: Path) -> Repair:
                     done.doubtful.append(example)
             elif example in labels:
                 done.gone.append(Gone(example, labels[example], "its recording is damaged"))
-        settings = spare.settings() | damaged.settings()
+        copied, read = spare.settings(), damaged.settings()
+        # What is damaged does not take the place of what was copied.
+        intact = {name: value for name, value in read.items() if value is not None}
+        settings = read | copied | intact
         for name, value in settings.items():
             if value is None:
                 done.settings_gone.append(name)

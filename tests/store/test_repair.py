@@ -167,6 +167,20 @@ def test_examples_on_whole_pages_need_no_copy(store: SupportStore) -> None:
     assert fewest >= 4
 
 
+@pytest.mark.parametrize("junk", [bytes(PAGE), b"SQLite format 3" + bytes(PAGE - 15)])
+def test_with_the_copy_no_single_page_takes_anything_away(store: SupportStore, junk: bytes) -> None:
+    """Also where the names of settings are still read from their index, but not their values."""
+    store.enroll("wave", make_clip(1))
+    store.set_setting("threshold", "0.25")
+    whole = store.path.read_bytes()
+    for at in range(PAGE, len(whole), PAGE):
+        assert make_backup(store.path)
+        store.path.write_bytes(whole[:at] + junk + whole[at + PAGE :])
+        done = store.repair()
+        assert done is None or (done.labels, done.settings_gone) == ({1: "wave"}, [])
+        assert store.setting("threshold") == "0.25"
+
+
 def test_the_copy_fills_up_what_cannot_be_read(store: SupportStore) -> None:
     store.enroll_all([("wave", make_clip(seed, 60)) for seed in range(3)], note="by the window")
     assert make_backup(store.path)
