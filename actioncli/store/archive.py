@@ -17,16 +17,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from actioncli.errors import ActionCliError, ClipError, StoreError
-from actioncli.files import replacing
+from actioncli.files import replacing, sync_folder
 from actioncli.store.faults import system_fault
-from actioncli.store.location import sync_folder
 from actioncli.store.record import Record, check_outline, find_flaw
 
 FORMAT = "actioncli support set"
@@ -55,21 +54,23 @@ _FIELDS: dict[str, type] = {
 
 def write_archive(
     path: Path,
-    outlines: Sequence[Record],
-    records: Iterable[Record],
+    records: Callable[[], Iterable[Record]],
     settings: Mapping[str, str] | None = None,
 ) -> None:
     """Write an archive; the file appears whole or not at all, readable by its owner only.
 
     Args:
         path: the file; an archive that is there already is replaced, anything else is not.
-        outlines: the examples in order; of their bytes only whether there is a confidence counts.
-        records: the same examples with their bytes, taken one at a time.
+        records: gives the examples in order: once for the header, once for their bytes.
         settings: what goes with them, name to value.
 
     Raises:
         StoreError: not writable, too large, or something else of that name is there.
     """
+    # An example at a time is in memory: of the others there is no recording.
+    outlines = [
+        replace(record, joints=b"", confidence=record.confidence and b"") for record in records()
+    ]
     header = _compact(_header(outlines, settings)).encode()
     header += b" " * (-len(header) % 8)
     size = 8 + len(header) + _content_size(outlines)
@@ -83,7 +84,7 @@ def write_archive(
             raise StoreError(f"{path} is there already and is no export; choose another name.")
         with replacing(path, private=True) as part, part.open("wb") as file:
             file.write(len(header).to_bytes(8, "little") + header)
-            for record in records:
+            for record in records():
                 file.write(record.joints)
                 file.write(record.confidence or b"")
             file.flush()

@@ -9,7 +9,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -137,9 +137,8 @@ class Record:
         return Clip(joints, self.joint_names, self.fps, confidence, self.source)
 
 
-# The columns of the table `examples` that make a record: without its bytes, and with them.
-OUTLINE = "label, negative, source, note, added, fps, frames, joint_names, checksum"
-COLUMNS = f"{OUTLINE}, joints, confidence"
+# The columns of the table `examples` that make a record.
+COLUMNS = ", ".join(field.name for field in fields(Record))
 
 
 def seal(

@@ -387,12 +387,12 @@ def test_a_forged_checksum_does_not_help(
 
 def test_the_same_example_twice_is_added_once(exported: Path, tmp_path: Path) -> None:
     record = Record.from_clip("wave", make_clip(0))
-    archive.write_archive(exported, [record] * 3, [record] * 3)
+    archive.write_archive(exported, lambda: [record] * 3)
     assert SupportStore(tmp_path / "other.db").import_(exported) == (1, 2)
 
 
 def test_an_export_of_nothing_imports_nothing(exported: Path, tmp_path: Path) -> None:
-    archive.write_archive(exported, [], [])
+    archive.write_archive(exported, list)
     other = SupportStore(tmp_path / "other.db")
     assert other.import_(exported) == (0, 0)
     assert not other.path.exists()

@@ -24,6 +24,7 @@ from actioncli.clips.clip import Clip
 from actioncli.errors import StoreError
 from actioncli.store.backup import backup_path, make_backup
 from actioncli.store.database import writing
+from actioncli.store.health import damage
 from actioncli.store.migrations import MIGRATIONS
 from actioncli.store.repair import Repair
 from actioncli.store.store import SupportStore
@@ -127,7 +128,7 @@ def test_what_comes_back_is_what_was_enrolled(seed: int, copied: bool, data: st.
             junk = bytes(length) if kind == "zeros" else random.Random(seed).randbytes(length)
             content[start : start + length] = junk[: size - start]
         store.path.write_bytes(content)
-        damaged = store.damage() != []
+        damaged = damage(store.path) != []
         try:
             done = store.repair()
         except StoreError:
@@ -223,7 +224,7 @@ def test_a_note_that_changed_makes_an_example_doubtful(store: SupportStore) -> N
         content = bytearray(whole)
         content[content.rindex(text)] ^= 2
         store.path.write_bytes(content)
-        assert store.damage()
+        assert damage(store.path)
         done = store.repair()
         assert done is not None
         return done
