@@ -38,18 +38,11 @@ LARGEST_ARCHIVE = 4 * 2**30
 LARGEST_SETTING = 2**18
 _NO_EXPORT = "this is no export of a support set, or it is damaged."
 
-_FIELDS: dict[str, type] = {
-    "label": str,
-    "negative": bool,
-    "source": str,
-    "note": str,
-    "added": str,
-    "fps": float,
-    "frames": int,
-    "joint_names": list,
-    "confidence": bool,
-    "checksum": str,
-}
+# What the manifest says of an example, in this order.
+_FIELDS = (
+    "label", "negative", "source", "note", "added", "fps", "frames", "joint_names", "confidence",
+    "checksum",
+)  # fmt: skip
 
 
 def write_archive(
@@ -205,17 +198,14 @@ def _parse(text: str | bytes) -> Any:
 
 def _outline(fields: Any) -> Record:
     """One line of the manifest, its types and sizes checked, as a record without bytes."""
-    if not isinstance(fields, dict) or fields.keys() != _FIELDS.keys():
-        raise _RefusedError("an example has other fields than it should.")
-    for name, kind in _FIELDS.items():
-        if type(fields[name]) is not kind:
-            raise _RefusedError(f"the {name} of an example is of another type than it should.")
-    names = fields["joint_names"]
-    if not names or not all(isinstance(name, str) for name in names) or fields["frames"] < 2:
-        raise _RefusedError("the joint names or frames of an example make no clip.")
-    check_outline(fields["frames"], names, "")
-    bytes_ = {"joints": b"", "confidence": b"" if fields["confidence"] else None}
-    return Record(**{**fields, **bytes_, "joint_names": tuple(names)})
+    try:
+        bytes_ = {"joints": b"", "confidence": b"" if fields["confidence"] else None}
+        outline = Record(**{**fields, **bytes_, "joint_names": tuple(fields["joint_names"])})
+        outline.check_types()
+    except (TypeError, KeyError) as error:
+        raise _RefusedError("an example has other fields than it should.") from error
+    check_outline(outline.frames, outline.joint_names, "")
+    return outline
 
 
 def _tensors(outline: Record) -> list[tuple[str, list[int], int]]:

@@ -184,16 +184,13 @@ def rename_examples(db: sqlite3.Connection, path: Path, old: str, new: str) -> i
     """
     from actioncli.store.record import seal
 
-    changed = []
-    for example, sealed, *rest in db.execute(
-        "SELECT id, seal, negative, source, note, added, checksum FROM examples WHERE label = ?",
-        (old,),
-    ):
-        if seal(example, old, *rest) != sealed:
-            raise damaged(path, example, old)
-        changed.append((new, seal(example, new, *rest), example))
-    db.executemany("UPDATE examples SET label = ?, seal = ? WHERE id = ?", changed)
-    return len(changed)
+    db.create_function("seal", 7, seal)
+    sealed = "seal(id, ?1, negative, source, note, added, checksum)"
+    query = f"SELECT id FROM examples WHERE label = ?1 AND seal != {sealed}"
+    for (example,) in db.execute(query, (old,)):
+        raise damaged(path, example, old)
+    query = f"UPDATE examples SET label = ?1, seal = {sealed} WHERE label = ?2"
+    return db.execute(query, (new, old)).rowcount
 
 
 def damaged(path: Path, example: int, label: object) -> StoreError:

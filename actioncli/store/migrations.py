@@ -11,7 +11,6 @@ import sqlite3
 import zlib
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,22 +22,13 @@ APPLICATION_ID = int.from_bytes(b"ACLI")
 _SMALLEST = 512
 
 
-@dataclass(frozen=True)
-class Migration:
-    """One change of the schema: its name, and its statements in order."""
-
-    name: str
-    statements: tuple[str, ...]
-
-
-MIGRATIONS: tuple[Migration, ...] = (
-    Migration(
-        "examples, cached embeddings, settings",
-        (
-            # Identifiers are never given twice (AUTOINCREMENT): an embedding that was computed
-            # for a removed example cannot be filed under a new one.
-            # The index holds `negative` so that the integrity check covers it.
-            """
+# The statements of each change.
+MIGRATIONS: tuple[tuple[str, ...], ...] = (
+    (
+        # Identifiers are never given twice (AUTOINCREMENT): an embedding that was computed
+        # for a removed example cannot be filed under a new one.
+        # The index holds `negative` so that the integrity check covers it.
+        """
             CREATE TABLE examples (
                 id INTEGER PRIMARY KEY AUTOINCREMENT,
                 label TEXT NOT NULL CHECK (length(label) BETWEEN 1 AND 100),
@@ -56,7 +46,7 @@ MIGRATIONS: tuple[Migration, ...] = (
                 UNIQUE (label, negative, checksum)
             )
             """,
-            """
+        """
             CREATE TABLE embeddings (
                 example INTEGER NOT NULL REFERENCES examples (id) ON DELETE CASCADE,
                 weights TEXT NOT NULL,
@@ -67,19 +57,16 @@ MIGRATIONS: tuple[Migration, ...] = (
                 PRIMARY KEY (example, weights)
             )
             """,
-            "CREATE TABLE settings (name TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL)",
-        ),
+        "CREATE TABLE settings (name TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL)",
     ),
-    Migration(
-        "seals, so that a flipped bit is noticed in a label as it is in a recording",
-        (
-            "ALTER TABLE examples ADD COLUMN seal INTEGER NOT NULL DEFAULT 0",
-            "UPDATE examples SET seal = seal(id, label, negative, source, note, added, checksum)",
-            "ALTER TABLE settings ADD COLUMN crc INTEGER NOT NULL DEFAULT 0",
-            "UPDATE settings SET crc = setting_crc(name, value)",
-            # Their checksums cover the label from now on.
-            "DELETE FROM embeddings",
-        ),
+    # Seals, so that a flipped bit is noticed in a label as it is in a recording.
+    (
+        "ALTER TABLE examples ADD COLUMN seal INTEGER NOT NULL DEFAULT 0",
+        "UPDATE examples SET seal = seal(id, label, negative, source, note, added, checksum)",
+        "ALTER TABLE settings ADD COLUMN crc INTEGER NOT NULL DEFAULT 0",
+        "UPDATE settings SET crc = setting_crc(name, value)",
+        # Their checksums cover the label from now on.
+        "DELETE FROM embeddings",
     ),
 )
 
@@ -170,11 +157,11 @@ def migrate(db: sqlite3.Connection, version: int) -> None:
 
 
 def _run(
-    db: sqlite3.Connection, migrations: tuple[Migration, ...], seal: Callable[..., int]
+    db: sqlite3.Connection, migrations: tuple[tuple[str, ...], ...], seal: Callable[..., int]
 ) -> None:
     # What their statements call.
     db.create_function("seal", 7, seal)
     db.create_function("setting_crc", 2, setting_crc)
     for migration in migrations:
-        for statement in migration.statements:
+        for statement in migration:
             db.execute(statement)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +27,7 @@ from actioncli.store.examples import (
 )
 from actioncli.store.location import exists, exposure, store_path
 from actioncli.store.names import check_label
-from actioncli.store.settings import change_settings, put_setting, read_settings
+from actioncli.store.settings import put_setting, read_settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -236,7 +237,10 @@ class SupportStore:
                     f"`{new}` is enrolled already; remove it first or choose another name."
                 )
             rename_embeddings(db, old, new)
-            change_settings(db, settings or {})
+            for name, change in (settings or {}).items():
+                with suppress(StoreError):  # one that is damaged stays so
+                    for value in read_settings(db, self.path, name).values():
+                        put_setting(db, name, change(value))
             return rename_examples(db, self.path, old, new)
 
     def clear(self, settings: bool = False) -> int:

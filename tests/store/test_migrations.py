@@ -11,7 +11,7 @@ from storing import make_clip, same
 
 from actioncli.errors import StoreError
 from actioncli.store import migrations
-from actioncli.store.migrations import APPLICATION_ID, MIGRATIONS, Migration
+from actioncli.store.migrations import APPLICATION_ID, MIGRATIONS
 from actioncli.store.store import SupportStore
 
 
@@ -79,7 +79,7 @@ def test_an_older_schema_is_brought_up_to_date(
     store: SupportStore, monkeypatch: pytest.MonkeyPatch, writes: bool
 ) -> None:
     store.enroll("wave", make_clip(0))
-    added = Migration("colour", ("ALTER TABLE examples ADD COLUMN colour TEXT DEFAULT 'red'",))
+    added = ("ALTER TABLE examples ADD COLUMN colour TEXT DEFAULT 'red'",)
     monkeypatch.setattr(migrations, "MIGRATIONS", (*MIGRATIONS, added))
     if writes:
         store.enroll("clap", make_clip(1))
@@ -94,17 +94,13 @@ def test_a_migration_that_fails_changes_nothing(
     store: SupportStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store.enroll("wave", make_clip(0))
-    broken = Migration("broken", ("ALTER TABLE examples ADD COLUMN colour TEXT", "NO STATEMENT"))
+    broken = ("ALTER TABLE examples ADD COLUMN colour TEXT", "NO STATEMENT")
     with monkeypatch.context() as patch:
         patch.setattr(migrations, "MIGRATIONS", (*MIGRATIONS, broken))
         with pytest.raises(StoreError):
             store.actions()
     assert [action.label for action in store.actions()] == ["wave"]
     assert store.check() == []
-
-
-def test_names_of_migrations_are_unique() -> None:
-    assert len({migration.name for migration in MIGRATIONS}) == len(MIGRATIONS)
 
 
 def test_a_file_that_goes_out_of_reach_is_told(tmp_path: Path) -> None:
