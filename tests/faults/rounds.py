@@ -158,11 +158,11 @@ class Round:
     def full(self) -> None:
         """A disk that is too small, and on which room is made at some time."""
         self.refusals = True
-        mounted = mount(self.disk, self.random.randrange(160, 700) * 1024)
+        mounted = mount(self.disk, self.random.randrange(200, 700) * 1024)
+        self.fill()
         ballast = self.disk / "ballast"
         if mounted:
             ballast.write_bytes(bytes(self.random.randrange(32, 100) * 1024))
-        self.fill()
         for place in range(2):
             self.start(
                 f"{place}", steps=25, frames=self.random.choice([30, 200]), limit=not mounted

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from storing import make_clip, same
+from storing import make_clip
 
 from actioncli.errors import StoreError
 from actioncli.store import migrations
@@ -71,22 +71,6 @@ def test_an_empty_file_is_an_empty_store(tmp_path: Path) -> None:
     assert store.actions() == []
     assert store.path.read_bytes() == b""
     store.enroll("wave", make_clip(0))
-    assert store.check() == []
-
-
-@pytest.mark.parametrize("writes", [True, False])
-def test_an_older_schema_is_brought_up_to_date(
-    store: SupportStore, monkeypatch: pytest.MonkeyPatch, writes: bool
-) -> None:
-    store.enroll("wave", make_clip(0))
-    added = ("ALTER TABLE examples ADD COLUMN colour TEXT DEFAULT 'red'",)
-    monkeypatch.setattr(migrations, "MIGRATIONS", (*MIGRATIONS, added))
-    if writes:
-        store.enroll("clap", make_clip(1))
-    assert same(store.support()["wave"][0], make_clip(0))
-    with closing(sqlite3.connect(store.path)) as db:
-        assert db.execute("SELECT DISTINCT colour FROM examples").fetchall() == [("red",)]
-        assert db.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS) + 1,)
     assert store.check() == []
 
 
