@@ -27,16 +27,6 @@ def test_an_explicit_path_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert store_path("a.db") == tmp_path / "a.db"
 
 
-def test_the_environment_names_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ACTIONCLI_HOME", str(tmp_path))
-    assert store_path() == tmp_path / "support.db"
-    monkeypatch.setenv("ACTIONCLI_HOME", "~/actions")
-    assert store_path() == Path.home() / "actions" / "support.db"
-    monkeypatch.setenv("ACTIONCLI_HOME", "~nobody-of-this-name/actions")
-    with pytest.raises(StoreError, match="names no folder"):
-        store_path()
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="the folder differs between systems")
 def test_the_users_data_folder_is_the_default(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

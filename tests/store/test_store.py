@@ -15,7 +15,6 @@ import pytest
 from storing import make_clip, same
 
 from actioncli.errors import ClipError, StoreError, SupportError, UsageError
-from actioncli.store.record import seal
 from actioncli.store.store import Action, Inserted, SupportStore
 
 ASK = """
@@ -208,23 +207,3 @@ def test_listing_imports_nothing_heavy(store: SupportStore) -> None:
     )
     assert listing.stderr == ""
     assert listing.stdout == "['wave']\n"
-
-
-def test_the_clock_may_jump(store: SupportStore, tmp_path: Path) -> None:
-    """Order is that of enrolment, whatever the clock said."""
-    store.enroll_all(("wave", make_clip(seed)) for seed in range(3))
-    with closing(sqlite3.connect(store.path)) as db:
-        db.create_function("seal", 7, seal)
-        for example, added in ((1, "2099-01-01T00:00:00Z"), (3, "1970-01-01T00:00:00Z")):
-            db.execute(
-                "UPDATE examples SET added = ?1, "
-                "seal = seal(id, label, negative, source, note, ?1, checksum) WHERE id = ?2",
-                (added, example),
-            )
-        db.commit()
-    assert [example.id for example in store.examples()] == [1, 2, 3]
-    assert store.actions()[0].last_added == "2099-01-01T00:00:00Z"
-    store.export(tmp_path / "out")
-    other = SupportStore(tmp_path / "other.db")
-    other.import_(tmp_path / "out")
-    assert other.examples() == store.examples()
