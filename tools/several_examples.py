@@ -1,4 +1,5 @@
-"""How several examples of an action should count: the best, their mean, or in between.
+"""How several examples of an action should count: the best, their mean, in between, or attended to
+as one.
 
     python tools/several_examples.py collections/*.npz --splits tools/splits.json \\
         --weights bench.safetensors
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -20,6 +22,8 @@ from actioncli.clips.clip import FloatArray
 from actioncli.clips.collection import read_collection
 from actioncli.evaluation.metrics import auroc, oscr
 from actioncli.evaluation.splits import read_splits
+from actioncli.model import parts, parts_compare
+from actioncli.model.config import PartsConfig
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.training.data import hold_out, training_set
 
@@ -32,6 +36,30 @@ WAYS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "their mean": lambda odds: odds.mean(axis=1),
     "the mean of their odds": lambda odds: np.log(np.exp(odds).mean(axis=1)),
 }
+ATTENDED = "attended to as one"
+
+
+def attended(recognizer: Recognizer, query: FloatArray, examples: FloatArray) -> FloatArray:
+    """Log odds (K,) of actions whose examples a query (T, E) attends to together, (K, n, T, E);
+    each of them attends to the query alone."""
+    params, config = recognizer.weights.tensors, recognizer.weights.config
+    assert isinstance(config, PartsConfig)
+    k, n, t = examples.shape[:3]
+    asked = parts_compare._unpacked(config, query[None])
+    each = parts_compare._unpacked(config, examples.reshape(k * n, t, -1))
+    together = parts.Embedded(*(x.reshape(len(x), k, n * t, -1) for x in each))
+
+    def one_way(queries: parts.Embedded, supports: parts.Embedded) -> FloatArray:
+        return np.asarray(parts._one_way(params, config, queries, supports, lambda x: x))
+
+    back = one_way(parts._side_by_side(each), asked)[0].reshape(k, n).mean(axis=1)
+    with patch.object(parts, "_apart", lambda tokens: np.tile(_APART(tokens), (1, n))):
+        there = one_way(asked, together)[:, 0]
+    logit = (there + back) / 2
+    return np.asarray(logit * params["confidence.scale"] + params["confidence.shift"])
+
+
+_APART = parts._apart
 
 
 def main() -> None:
@@ -51,7 +79,7 @@ def main() -> None:
     embedded = recognizer.embed([held.clips[row] for row in rows])
     each = {str(place): embedded[[place]] for place in range(len(rows))}
     odds = -np.log(recognizer.compare(embedded, each).distance)
-    found: dict[str, list[tuple[float, bool, bool]]] = {name: [] for name in WAYS}
+    found: dict[str, list[tuple[float, bool, bool]]] = {name: [] for name in (*WAYS, ATTENDED)}
     for _ in range(given.episodes):
         here = source == rng.choice(np.unique(source))
         classes = rng.permutation(np.unique(label[here]))
@@ -66,8 +94,9 @@ def main() -> None:
         for action in asked:
             places = np.flatnonzero((label == action) & ~enrolling)
             for query in rng.permutation(places)[:ASKED]:
-                for name, way in WAYS.items():
-                    of_actions = way(odds[query][examples])
+                counted = {name: way(odds[query][examples]) for name, way in WAYS.items()}
+                counted[ATTENDED] = attended(recognizer, embedded[query], embedded[examples])
+                for name, of_actions in counted.items():
                     nearest = int(of_actions.argmax())
                     right = bool(known[nearest] == action)
                     found[name].append((float(of_actions[nearest]), right, action in known))

@@ -18,8 +18,7 @@ from torch.nn import functional
 
 from actioncli.model import trx_os
 from actioncli.model.config import ModelConfig
-from actioncli.training.paper import PaperRecipe
-from actioncli.training.paper_loss import episode_loss
+from actioncli.training.paper import PaperRecipe, episode_loss
 
 ROUNDS = 10
 RECIPE = PaperRecipe()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from actioncli.clips.clip import Clip
 from actioncli.training.data import TrainingSet, cut_long_recordings
-from actioncli.training.episodes import draw_episodes
+from actioncli.training.paper import draw_episodes
 
 
 @given(seed=st.integers(0, 2**32 - 1), ways=st.integers(2, 6))
