@@ -12,7 +12,7 @@ from actioncli import SupportStore, UsageError, read_clip
 from actioncli.calibration.threshold import Calibration
 from actioncli.calibration.trials import Trials
 from actioncli.report.calibration import write_calibration
-from tests.browsing import accessible
+from tests.browsing import DESKTOP, PHONE, accessible, ask
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOTHING = {"count": 0, "of": 0, "motions": 0, "rate": None, "low": 0.0, "high": 1.0}
@@ -68,6 +68,15 @@ def test_page_tables_and_figures(folder: Path) -> None:
 
 def test_the_page_is_for_everyone(browser: Browser, folder: Path) -> None:
     accessible(browser, folder / "index.html")
+
+
+@pytest.mark.parametrize(("size", "wide"), [(DESKTOP, [False] * 3), (PHONE, [True, False, True])])
+def test_a_table_that_is_wider_than_the_page_says_so(
+    browser: Browser, folder: Path, size: tuple[int, int], wide: list[bool]
+) -> None:
+    script = """await until(() => document.querySelectorAll(".sideways").length === 3);
+        return [...document.querySelectorAll(".sideways")].map((e) => e.checkVisibility());"""
+    assert ask(browser, folder / "index.html", script, size) == wide
 
 
 def test_it_does_not_write_over_something_else(folder: Path, tmp_path: Path) -> None:
