@@ -82,9 +82,9 @@ def _landmarks(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     pose = values[:, :_POSE].reshape(frames, 33, 4)
     if values.shape[1] == _POSE:
         return pose[..., :3], pose[..., 3]
-    hands = values[:, -_HANDS:].reshape(frames, 2, 21, 3)
-    found = np.broadcast_to(hands.any(axis=(2, 3), keepdims=True), hands.shape)
-    hands = np.where(found, hands, np.nan).reshape(frames, 42, 3)
+    both = values[:, -_HANDS:].reshape(frames, 2, 21, 3)
+    found = np.broadcast_to(both.any(axis=(2, 3), keepdims=True), both.shape)
+    hands = np.where(found, both, np.nan).reshape(frames, 42, 3)
     seen = found[..., 0].reshape(frames, 42)
     return np.concatenate([pose[..., :3], hands], 1), np.concatenate([pose[..., 3], seen], 1)
 
