@@ -181,7 +181,10 @@ def watch(
     reactions += [Table(table)] if table is not None else []
     reactions += [Subtitles(subtitles)] if subtitles is not None else []
 
+    told: list[object] = []
+
     def tell(line: str) -> None:
+        told.append(line)
         if not settings.quiet:
             view.note(f"note: {name}: {line}")
 
@@ -210,11 +213,14 @@ def watch(
                 on_frame=frame,
                 note=tell,
             ):
+                told.append(event)
                 view.say(_line(settings, event, recognizer))
                 if film is not None:
                     film.events.append(event)
                 for react in reactions:
                     react(event)
+        if inputs and not told:
+            tell("no event; a second example, or a lower --tau, tells more")
         if film is not None and annotate is not None:
             with video_progress(annotate, shown=not settings.quiet) as progress:
                 film.write(inputs[0], annotate, progress)

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import IO
 
 from actioncli.errors import UsageError
@@ -44,7 +45,9 @@ class CommandRunner(Reaction):
         except ValueError as error:
             raise UsageError(f"--exec {self.line!r} is no command: {error}.") from error
         if not self.words or shutil.which(self.words[0]) is None:
-            raise UsageError(f"--exec {self.line!r}: there is no such program.")
+            there = bool(self.words) and Path(self.words[0]).is_file()
+            why = "it may not be run; `chmod +x` lets it" if there else "there is no such program"
+            raise UsageError(f"--exec {self.line!r}: {why}.")
 
     def __call__(self, event: Event) -> None:
         """Run it; its output goes to standard error, which does not belong to the events."""

@@ -52,6 +52,7 @@ USAGE = [
     ("extract a.mp4 -o a.npz --format xyz", "--format is one of"),
     ("extract a.mp4 -o no/a.npz", "there is no folder"),
     ("watch a.mp4 --exec no-such-program-here", "no such program"),
+    (f"watch a.mp4 --exec {SQUAT}", "it may not be run; `chmod +x` lets it"),
     ("watch a.mp4 --exec '", "is no command"),
     ("show squat -o a.jpg", "drawings are written as"),
     ("show squat -o none/a.png", "folder does not exist"),
