@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cases import TIMES, cases
@@ -38,6 +40,15 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(f"needs the recorded collections in {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """One browser for all tests of this process that open a page; they skip without."""
+    from tests.browsing import launched
+
+    with launched(tmp_path_factory.mktemp("film")) as found:
+        yield found
 
 
 @pytest.fixture

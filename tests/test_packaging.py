@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import actioncli
+from actioncli.cli.app import COMMANDS
 from actioncli.errors import WeightsError
 from actioncli.files import weights_file, weights_folder
 
@@ -86,8 +87,6 @@ def test_image_copies_what_its_ignore_file_lets_through_and_runs_the_command() -
     copied = " ".join(re.findall(r"^COPY (.*) /source/\S*$", IMAGE, re.MULTILINE)).split()
     assert sorted(re.findall(r"^!(.+)$", ignore, re.MULTILINE)) == sorted(copied)
     # Its first lines are how it is used; each command there is one of the program's.
-    from actioncli.cli.app import COMMANDS
-
     used = re.findall(r"^# docker run .* actioncli (\S+)", IMAGE, re.MULTILINE)
     assert {"enroll", "watch"} <= set(used) <= COMMANDS.keys()
     [entry] = re.findall(r"^ENTRYPOINT (.*)$", IMAGE, re.MULTILINE)
@@ -95,6 +94,27 @@ def test_image_copies_what_its_ignore_file_lets_through_and_runs_the_command() -
     program, *first = json.loads(entry) + json.loads(words)
     assert CARD["project"]["scripts"][program] == "actioncli.__main__:main"
     assert subprocess.run([sys.executable, "-m", program, *first], check=False).returncode == 0
+
+
+def test_the_wheel_is_tried_on_every_system_and_python_that_is_named(wheel: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    jobs = yaml.safe_load((ROOT / ".github/workflows/wheels.yml").read_text())["jobs"]
+    matrix = jobs["try"]["strategy"]["matrix"]
+    named = {"Linux": "ubuntu", "MacOS": "macos", "Windows": "windows"}
+    classifiers = [line.split(" :: ") for line in CARD["project"]["classifiers"]]
+    systems = {named[words[-1]] for words in classifiers if words[0] == "Operating System"}
+    assert {system.partition("-")[0] for system in matrix["system"]} == systems
+    pythons = [words[-1] for words in classifiers if words[0] == "Programming Language"]
+    assert matrix["python"] == [pythons[0], pythons[-1]]
+    assert CARD["project"]["requires-python"] == f">={pythons[0]}"
+    # One wheel for all of them; what is run there runs here.
+    assert wheel.name.endswith("-py3-none-any.whl")
+    commands = [step["run"] for step in jobs["try"]["steps"] if "run" in step]
+    assert commands[0] == "python -m pip install dist/*.whl"
+    for command in commands[1:]:
+        program, name = command.split()
+        assert program == "actioncli"
+        assert name in COMMANDS
 
 
 def test_every_package_is_listed() -> None:

@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import actioncli
@@ -160,6 +161,9 @@ def on_files(files: Files, config: Any) -> None:
 
     for name, page in PAGES.items():
         files.append(File.generated(config, name, content=page()))
+    # Wide tables say that they go on, as in a report.
+    script = Path(actioncli.__file__).with_name("report") / "scroll.js"
+    files.append(File.generated(config, "scroll.js", content=script.read_text(encoding="utf-8")))
 
 
 PAGES = {"commands.md": commands, "python.md": python}

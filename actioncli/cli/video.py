@@ -106,7 +106,8 @@ def write_annotation(
     """
     from actioncli.pose.annotate import annotate_video
 
-    verdict = decision.label or f"rejected (nearest: {decision.nearest})"
+    label = decision.label
+    verdict = f"✓ {label}" if label else f"✗ rejected (nearest: {decision.nearest})"
     nearer = decision.negative_is_nearer
     lines = [verdict, "a negative is nearer" if nearer else decision.comparison]
     with video_progress(output, shown=shown) as progress:

@@ -177,12 +177,12 @@ def watch(
 
     if math.isnan(retry):  # neither less nor more than the option's bound
         raise UsageError("--retry must be a number of seconds.")
-    given = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep, "csv": table}
-    given |= {"srt": subtitles, "annotate": annotate, "record": record, "facing": facing}
-    given |= {"sets": not each, "tau": tau, "hands": hands, "weights": weights}
     if page:
         from actioncli.cli.studio import serve
 
+        given = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep, "csv": table}
+        given |= {"srt": subtitles, "annotate": annotate, "record": record, "facing": facing}
+        given |= {"sets": not each, "tau": tau, "hands": hands, "weights": weights}
         for option, value in given.items():
             if value not in (None, False):
                 raise UsageError(f"--page shows what is told, and takes no --{option}.")
@@ -202,7 +202,10 @@ def watch(
     film = Film()
     reactions += [film] if annotate is not None else []
 
+    told: list[object] = []
+
     def tell(line: str) -> None:
+        told.append(line)
         if not settings.quiet:
             view.note(f"note: {name}: {line}")
 
@@ -229,10 +232,13 @@ def watch(
                 on_frame=frame,
                 note=tell,
             ):
+                told.append(event)
                 document = {**event.to_json(), "weights": recognizer.weights.checksum}
                 view.say(json_text(document, indent=None) if settings.json else event_line(event))
                 for react in reactions:
                     react(event)
+        if inputs and not told:
+            tell("no event; a second example, or a lower --tau, tells more")
         if annotate is not None:
             with video_progress(annotate, shown=not settings.quiet) as progress:
                 film.write(inputs[0], annotate, progress)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shlex
 import shutil
 import subprocess
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import IO
 
 from actioncli.errors import UsageError
+from actioncli.files import command_words
 from actioncli.live.events import Event
 from actioncli.live.reactions import LAST_SECONDS, Reaction
 
@@ -40,11 +41,13 @@ class CommandRunner(Reaction):
 
     def __post_init__(self) -> None:
         try:
-            self.words = shlex.split(self.line)
+            self.words = command_words(self.line)
         except ValueError as error:
             raise UsageError(f"--exec {self.line!r} is no command: {error}.") from error
         if not self.words or shutil.which(self.words[0]) is None:
-            raise UsageError(f"--exec {self.line!r}: there is no such program.")
+            there = bool(self.words) and Path(self.words[0]).is_file()
+            why = "it may not be run; `chmod +x` lets it" if there else "there is no such program"
+            raise UsageError(f"--exec {self.line!r}: {why}.")
 
     def __call__(self, event: Event) -> None:
         """Run it; its output goes to standard error, which does not belong to the events."""

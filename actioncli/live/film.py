@@ -44,7 +44,7 @@ class Film(Reaction):
     def lines(self, now: float) -> list[str]:
         """What is told of the events at a time, seconds."""
         return [
-            f"{event.counted} {event.confidence:.2f}"
+            f"✓ {event.counted} {event.confidence:.2f}"
             for event in self._events
             if event.start <= now <= max(event.end, event.start + _LEAST_SECONDS)
         ]

@@ -30,6 +30,11 @@ _SIDED = (
 # Blue, green, red, as OpenCV has them: they stay apart for the colour-blind too.
 _COLOURS = {"l": (230, 159, 0), "r": (0, 94, 213), "m": (240, 240, 240)}
 _LEAST_VISIBLE = 0.5
+# Accepted and rejected: colour, and strokes from point to point in a square of side 1, y down.
+_SIGNS = {
+    "✓": ((155, 199, 53), [[(0, 0.55), (0.35, 0.9), (1, 0.1)]]),
+    "✗": ((125, 133, 242), [[(0.1, 0.1), (0.9, 0.9)], [(0.1, 0.9), (0.9, 0.1)]]),
+}
 # Frames written for each that was looked at, of which there are up to 15 a second: a header may
 # state times of years.
 _MOST_PER_LOOK = 100
@@ -57,8 +62,8 @@ def annotate_video(
     """Write an MP4 of the looked-at part of a video with the followed person's skeleton.
 
     Args:
-        lines: text for the upper left corner at a time of the video. Letters that the font lacks
-            become `?`.
+        lines: text for the upper left corner at a time of the video; one that begins with ✓ or ✗
+            has its colour. Letters that the font lacks become `?`.
         progress: called now and then while frames are drawn.
 
     Returns:
@@ -119,11 +124,17 @@ def _write(image: Image, lines: Sequence[str]) -> None:
     scale = max(0.4, min(image.shape[:2]) / 700)
     step = round(34 * scale)
     font = cv2.FONT_HERSHEY_SIMPLEX
-    texts = [line.encode("ascii", "replace").decode("ascii") for line in lines]
-    if not texts:
+    if not lines:
         return
+    texts = [line.lstrip("✓✗ ").encode("ascii", "replace").decode("ascii") for line in lines]
     width = max(cv2.getTextSize(text, font, scale, 1)[0][0] for text in texts)
-    cv2.rectangle(image, (0, 0), (width + step, step * len(texts) + step // 2), (0, 0, 0), -1)
-    for n, text in enumerate(texts):
-        place = (step // 2, step * (n + 1))
-        cv2.putText(image, text, place, font, scale, (255, 255, 255), 1, cv2.LINE_AA)
+    indent = step if any(line[:1] in _SIGNS for line in lines) else 0
+    right, bottom = width + step + indent, step * len(texts) + step // 2
+    cv2.rectangle(image, (0, 0), (right, bottom), (0, 0, 0), -1)
+    for n, (line, text) in enumerate(zip(lines, texts, strict=True), 1):
+        colour, strokes = _SIGNS.get(line[:1], ((255, 255, 255), []))
+        corner, side = np.array([step / 2, step * (n - 0.65)]), 0.65 * step
+        points = [np.rint(corner + side * np.array(stroke)).astype(np.int32) for stroke in strokes]
+        cv2.polylines(image, points, False, colour, max(2, round(3 * scale)), cv2.LINE_AA)
+        place = (step // 2 + indent, step * n)
+        cv2.putText(image, text, place, font, scale, colour, 1, cv2.LINE_AA)

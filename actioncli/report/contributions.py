@@ -91,7 +91,7 @@ def _moments(explanation: Explanation) -> str:
     y = fitting("added to the score", float(values.min()), float(values.max()))
     plot = Plot("By moment", Axis("way through the query", 0, 1, SHARES, percent=True), y)
     plot.steps(np.linspace(0, 1, len(values) + 1), values, 0, "")
-    plot.cursor("player1")
+    plot.cursor()
     return plot.html("The upright line is the moment that is shown above.")
 
 

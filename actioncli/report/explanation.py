@@ -13,10 +13,9 @@ from actioncli.clips.skeleton import LIMBS
 from actioncli.errors import UsageError
 from actioncli.files import replacing
 from actioncli.recognition.decision import Decision
-from actioncli.recognition.explanation import Explanation
 from actioncli.report.contributions import Explained, attention, contributions, short
-from actioncli.report.figure import Figure, figure
-from actioncli.report.page import Stage, page, playable, scrolling
+from actioncli.report.figure import figure
+from actioncli.report.page import page, playable, player, scrolling
 
 # Actions beside the query, and rows of the ranking.
 SHOWN = 3
@@ -57,24 +56,28 @@ def write_explanation(path: Path, case: Explained, neighbours: Sequence[Neighbou
         UsageError: as `check_page`, or the page cannot be written.
     """
     check_page(path)
-    stage = Stage()
-    body = "\n".join(_sections(case, neighbours, stage))
+    body = "\n".join(_sections(case, neighbours))
+    shown = [(case.query, _glow(case)), *((each.clip, None) for each in neighbours)]
+    figures = [
+        playable(figure(clip), prepared_at(clip, case.preparation).tolist(), glow)
+        for clip, glow in shown
+    ]
     verdict = "Accepted" if case.decision.accepted else "Rejected"
     title = f"{verdict}: {Path(case.query.source).name}"
     try:
         with replacing(path) as part:
-            part.write_text(page(title, body, stage.figures), encoding="utf-8")
+            part.write_text(page(title, body, figures), encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}.") from error
 
 
-def _sections(case: Explained, neighbours: Sequence[Neighbour], stage: Stage) -> Iterator[str]:
+def _sections(case: Explained, neighbours: Sequence[Neighbour]) -> Iterator[str]:
     query, decision, example = case.query, case.decision, neighbours[0]
     name = escape(Path(query.source).name or "the clip")
     nearest = escape(decision.nearest)
     yield f"<h1>{name}: {nearest if decision.accepted else 'rejected'}</h1>"
     yield _verdict(decision)
-    yield _players(case, neighbours, stage)
+    yield _players(query, neighbours)
     yield "<h2>The nearest actions</h2>"
     yield _ranking(decision)
     yield f"<h2>What speaks for {nearest}</h2>"
@@ -107,33 +110,28 @@ def _verdict(decision: Decision) -> str:
     return f'<p class="verdict{" yes" if decision.accepted else ""}">{verdict}</p>'
 
 
-def _players(case: Explained, neighbours: Sequence[Neighbour], stage: Stage) -> str:
-    query, preparation = case.query, case.preparation
-    clips = [(f"<b>{escape(Path(query.source).name)}</b>the query", query)]
-    for place, each in enumerate(neighbours):
-        what = "nearest action" if place == 0 else f"number {place + 1}"
-        clips.append((f"<b>{escape(each.label)}</b>{what}: {escape(each.name)}", each.clip))
-    shown = []
-    for place, (caption, clip) in enumerate(clips):
-        drawn = figure(clip)
-        glow = _glow(drawn, case.explanation) if place == 0 else None
-        shown.append((caption, playable(drawn, prepared_at(clip, preparation).tolist(), glow)))
+def _players(query: Clip, neighbours: Sequence[Neighbour]) -> str:
+    captions = [f"<b>{escape(Path(query.source).name)}</b>the query"]
+    for place, each in enumerate(neighbours, 1):
+        what = "nearest action" if place == 1 else f"number {place}"
+        captions.append(f"<b>{escape(each.label)}</b>{what}: {escape(each.name)}")
     return (
-        stage.player("the query and the nearest actions", shown)
+        player("the query and the nearest actions", captions)
         + "<p>All clips go from their beginning to their end in the same time, as the model "
         "compares them. Discs on the query stand where a part speaks against the action. Left "
         "of the body is blue, right is orange; joints that the source had to guess are hollow.</p>"
     )
 
 
-def _glow(drawn: Figure, explanation: Explanation) -> list[float]:
+def _glow(case: Explained) -> list[float]:
+    """For each point of the query's figure, which share of what speaks against it stands there."""
     against = {
         LIMBS[part][-1]: max(-lost, 0.0)
-        for part, lost in explanation.parts.items()
+        for part, lost in case.explanation.parts.items()
         if part in LIMBS
     }
     total = max(sum(against.values()), 1e-12)
-    return [against.get(name, 0.0) / total for name in drawn.names]
+    return [against.get(name, 0.0) / total for name in figure(case.query).names]
 
 
 def _ranking(decision: Decision) -> str:

@@ -70,6 +70,15 @@ class Figure:
         """Index of the head, if there is one."""
         return self.names.index("head") if "head" in self.names else None
 
+    @property
+    def telling(self) -> int:
+        """Index of the frame that shows most of the action: the farthest, wherever the body went,
+        from the first and the last, in which most people stand."""
+        body = self.points.copy()
+        body[..., [0, 2]] -= body[..., [0, 2]].mean(axis=1, keepdims=True)
+        away = [np.linalg.norm(body - body[end], axis=2).mean(axis=1) for end in (0, -1)]
+        return int(np.sum(away, axis=0).argmax())
+
     def at(self, seconds: float) -> int:
         """Frame that is shown `seconds` after the start; the last one from the end on."""
         return min(round(seconds * self.fps), len(self.points) - 1)
@@ -80,9 +89,9 @@ def figure(clip: Clip) -> Figure:
 
     A hand with fingers lies in the wrist while it is not seen.
 
-    Whichever way the person faced, the figure faces the viewer. A clip whose pelvis never moves
-    was centred by its source; its figure stands on the lowest point of each frame, any other on
-    the lowest of the whole clip.
+    Whichever way the person faced, the figure faces the viewer; who lies, or leans on the hands as
+    in a push-up, is seen from the side. A clip whose pelvis never moves was centred by its source;
+    its figure stands on the lowest point of each frame, any other on the lowest of the whole clip.
     """
     columns = dict(default_columns(clip.joint_names))
     body = tuple(columns)
@@ -121,6 +130,9 @@ def figure(clip: Clip) -> Figure:
         sure[:, first : first + len(own)] = True
     if {"lhip", "rhip", "lsho", "rsho"} <= columns.keys():
         points = turn_to_front(points, names)
+        trunk = np.abs(points[:, names.index("lsho")] - points[:, names.index("lhip")])
+        if np.median(trunk[:, 1] - trunk[:, 2]) < 0:
+            points = points[..., [2, 1, 0]] * np.array([-1, 1, 1], np.float32)
     return Figure(_grounded(points, names), sure, names, tuple(bones), clip.fps)
 
 

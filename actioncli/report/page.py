@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from math import ceil
@@ -32,13 +31,13 @@ def page(title: str, body: str, figures: Sequence[dict[str, Any]] = ()) -> str:
     Args:
         title: plain text.
         body: HTML.
-        figures: what `Stage` gathered.
+        figures: from `playable`; the page shows them where `player` stands.
     """
-    moving = ""
+    scripts = f"<script>{_resource('scroll.js')}</script>\n"
     if figures:
         # "<" would let a label end the element.
         data = json.dumps(list(figures)).replace("<", "\\u003c")
-        moving = (
+        scripts += (
             f'<script type="application/json" id="figures">{data}</script>\n'
             f"<script>{_resource('player.js')}</script>\n"
         )
@@ -49,47 +48,21 @@ def page(title: str, body: str, figures: Sequence[dict[str, Any]] = ()) -> str:
         f"<title>{escape(title)}</title>\n<style>\n{_resource('page.css')}</style>\n</head>\n"
         f'<body>\n<main>\n{body}\n</main>\n<footer><p class="muted">Made by actioncli '
         f"{__version__}. This page holds all that it shows; nothing is loaded or sent.</p>"
-        f"</footer>\n{moving}</body>\n</html>\n"
+        f"</footer>\n{scripts}</body>\n</html>\n"
     )
     # Half a character, which stands for a byte of a file's name that is no UTF-8, can't be written.
     return document.encode(errors="backslashreplace").decode()
 
 
-@dataclass
-class Stage:
-    """Gathers the figures of a page and writes the players that show them."""
+def player(name: str, captions: Sequence[str]) -> str:
+    """Where the page's figures play side by side, in step.
 
-    figures: list[dict[str, Any]] = field(default_factory=list)
-    players: int = 0
-
-    def player(self, name: str, shown: Sequence[tuple[str, dict[str, Any]]]) -> str:
-        """Figures side by side, playing in step; the ids are player1, player2 and so on.
-
-        Args:
-            name: what the controls say that they control.
-            shown: for each figure its caption (HTML) and its data from `playable`.
-        """
-        panels: list[str] = []
-        for caption, data in shown:
-            panels.append(
-                f'<figure><canvas data-figure="{len(self.figures)}" width="300" height="300" '
-                f'tabindex="0" role="img" aria-label="Skeleton, {escape(name)}, '
-                f'{len(panels) + 1} of {len(shown)}; arrow keys turn it, space plays"></canvas>'
-                f"<figcaption>{caption}</figcaption></figure>"
-            )
-            self.figures.append(data)
-        label = escape(name)
-        self.players += 1
-        return (
-            f'<div class="player" id="player{self.players}">'
-            f'<div class="stage">{"".join(panels)}</div>'
-            '<div class="controls"><button type="button" class="play" '
-            f'aria-label="Play or pause: {label}">Play</button>'
-            '<input class="scrub" type="range" min="0" max="1000" value="0" '
-            f'aria-label="Moment: {label}"><output class="said" aria-live="off">0 %</output>'
-            f'<button type="button" class="front" aria-label="Turn to the front: {label}">'
-            "Front</button></div></div>"
-        )
+    Args:
+        name: what the controls say that they control.
+        captions: HTML, for each figure of the page.
+    """
+    panels = "".join(f"<figure><figcaption>{caption}</figcaption></figure>" for caption in captions)
+    return f'<div class="player" data-name="{escape(name)}"><div class="stage">{panels}</div></div>'
 
 
 def playable(
@@ -121,6 +94,10 @@ def playable(
     }
     if clock is not None:
         data["clock"] = [round(min(at / step, len(kept) - 1), 2) for at in clock]
+    way = np.arange(len(kept)) if clock is None else np.array(data["clock"])
+    data["opens"] = round(
+        float(np.abs(way - figure.telling / step).argmin() / max(len(way) - 1, 1)), 3
+    )
     if glow is not None:
         data["glow"] = [round(float(share), 4) for share in glow]
     return data

@@ -1,7 +1,7 @@
 "use strict";
-// Skeletons that play in step. A page holds one list of figures (id="figures"); every .player
-// names some of them, and all of its canvases share one moment and one view. A page that gets its
-// figures later calls skeletons.mount for each player.
+// Skeletons that play in step. A .player holds a <figure> with its caption for each of them, and
+// gets canvases, which share one moment and one view, and controls here. A page's own player has the
+// page's list of figures (id="figures"); one that gets its figures later calls skeletons.mount.
 (() => {
   const HEAD = 0.1; // metres
   const FRONT = { yaw: 0.35, pitch: 0.12 };
@@ -99,17 +99,34 @@
     }
   }
 
-  // Bring a .player to life; one figure for each of its canvases. It rests once it has left the page.
-  function mount(player, figures) {
-    const canvases = [...player.querySelectorAll("canvas")];
+  function add(parent, tag, attributes, text = "") {
+    const element = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+    element.textContent = text;
+    parent.append(element);
+    return element;
+  }
+
+  // Bring a .player to life. It rests once it has left the page.
+  // name: what the controls say that they control; figures: one for each <figure>, as `playable` has it.
+  function mount(player, name, figures) {
     const shown = figures.map(unpacked);
-    const [play, scrub, said, front] = ["play", "scrub", "said", "front"].map((name) =>
-      player.querySelector("." + name));
-    const followers = document.querySelectorAll(`[data-player="${player.id}"]`);
+    const panels = [...player.querySelectorAll("figure")];
+    const canvases = panels.map((panel, place) => add(panel, "canvas", {
+      width: 300, height: 300, tabindex: 0, role: "img",
+      "aria-label": `Skeleton, ${name}, ${place + 1} of ${panels.length}; arrow keys turn it, space plays`,
+    }));
+    panels.forEach((panel, place) => panel.prepend(canvases[place]));
+    const controls = add(player, "div", { class: "controls" });
+    const play = add(controls, "button", { type: "button", class: "play", "aria-label": `Play or pause: ${name}` }, "Play");
+    const scrub = add(controls, "input", { class: "scrub", type: "range", min: 0, max: 1000, "aria-label": `Moment: ${name}` });
+    const said = add(controls, "output", { class: "said", "aria-live": "off" });
+    const front = add(controls, "button", { type: "button", class: "front", "aria-label": `Turn to the front: ${name}` }, "Front");
+    const followers = document.querySelectorAll(".cursor");
     const seconds = Math.max(1, ...shown.map((figure) => figure.seconds));
     const box = Math.max(...shown.map((figure) => figure.box));
     const view = { ...FRONT };
-    let share = 0, playing = false, last = 0;
+    let share = shown[0].opens, playing = false, last = 0;
 
     function show() {
       canvases.forEach((canvas, i) => draw(canvas, shown[i], share, view, box));
@@ -160,10 +177,9 @@
   }
 
   const source = document.getElementById("figures");
-  const all = source ? JSON.parse(source.textContent) : [];
-  for (const player of source ? document.querySelectorAll(".player") : []) {
-    const canvases = [...player.querySelectorAll("canvas")];
-    mount(player, canvases.map((canvas) => all[Number(canvas.dataset.figure)]));
+  if (source) {
+    const player = document.querySelector(".player");
+    mount(player, player.dataset.name, JSON.parse(source.textContent));
   }
   globalThis.skeletons = { mount };
 })();

@@ -103,11 +103,11 @@ class Plot:
                         f'opacity="{share / top:.2f}"><title>{share:.0%}</title></rect>'
                     )
 
-    def cursor(self, player: str) -> None:
-        """A vertical line that follows a player; the axis is its way, from 0 to 1."""
+    def cursor(self) -> None:
+        """A vertical line that follows the page's player; the axis is its way, from 0 to 1."""
         (x0, _), (x1, _) = self._place(0, 0), self._place(1, 0)
         self._marks.append(
-            f'<line data-player="{player}" data-span="{x1 - x0:.1f}" x1="{x0:.1f}" y1="{_TOP}" '
+            f'<line class="cursor" data-span="{x1 - x0:.1f}" x1="{x0:.1f}" y1="{_TOP}" '
             f'x2="{x0:.1f}" y2="{HEIGHT - _BOTTOM}" stroke="var(--ink)" stroke-width="1.5"/>'
         )
 

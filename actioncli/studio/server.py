@@ -6,7 +6,6 @@ import contextlib
 import os
 import secrets
 import socket
-import sys
 import webbrowser
 from html import escape
 from pathlib import Path
@@ -15,6 +14,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from actioncli.errors import UsageError
+from actioncli.files import has_screen
 from actioncli.studio.guard import Guard
 from actioncli.studio.protocol import MOST_IDLE, BoundedProtocol
 
@@ -22,8 +22,6 @@ from actioncli.studio.protocol import MOST_IDLE, BoundedProtocol
 _LARGEST_MESSAGE = 4_000_000
 # Seconds that requests in progress are given at the end.
 _LAST_SECONDS = 1
-# One of them is set where there is a screen, or a browser was chosen.
-_SCREENS = frozenset({"DISPLAY", "WAYLAND_DISPLAY", "BROWSER"})
 
 
 class Server:
@@ -99,7 +97,7 @@ class Server:
             folder: private one for the file.
         """
         # Without a screen, a browser for terminals would take over this one.
-        if sys.platform == "linux" and not os.environ.keys() & _SCREENS:
+        if not has_screen():
             return False
         page = folder / "open.html"
         page.touch(mode=0o600)

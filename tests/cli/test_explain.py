@@ -4,9 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
-from report.browser import accessible, ask, needs_chromium
+from playwright.sync_api import Browser
 
 from actioncli import SupportStore
+from tests.browsing import accessible, ask
 
 from .conftest import EXAMPLES, Invoke
 
@@ -27,7 +28,7 @@ def test_accepted_and_rejected_clips_get_the_same_page(
                  "Attention between moments", "What happened to the clip before",
                  "unit inferred from the size of the body"):  # fmt: skip
         assert part in text
-    assert text.count("<canvas") == 4
+    assert text.count("<figure><figcaption>") == 4
     assert not re.search(r"\bnan\b", text, re.IGNORECASE)
     assert "https://" not in text
 
@@ -59,22 +60,22 @@ def test_labels_stay_text(invoke: Invoke, tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "alert(1)" in text
     assert "<script>alert" not in text
-    assert text.count("<canvas") == 2
+    assert text.count("<figure><figcaption>") == 2
 
 
-@needs_chromium
 def test_the_page_is_for_everyone_and_plays_in_step(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
+    browser: Browser, invoke: Invoke, filled: SupportStore, tmp_path: Path
 ) -> None:
     page = tmp_path / "why.html"
     invoke("classify", PUNCH, "--explain", page)
-    accessible(page)
+    accessible(browser, page)
     got = ask(
+        browser,
         page,
         """
         const canvases = [...document.querySelectorAll("canvas")];
         const before = canvases.map((c) => c.toDataURL());
-        const line = document.querySelector("[data-player]");
+        const line = document.querySelector(".cursor");
         const scrub = document.querySelector(".scrub");
         scrub.value = 500; scrub.dispatchEvent(new Event("input"));
         const after = canvases.map((c) => c.toDataURL());

@@ -133,7 +133,9 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
     assert set(events[0]) == {"label", "start", "end", "confidence", "repetitions", "weights"}
     assert told.read_text().splitlines() == [f"wave {one['confidence']:.3f}" for one in events]
     assert invoke("watch", waving, "--json", "--tau", 0).stdout == first.stdout
-    assert invoke("watch", waving, "--tau", 1).stdout == ""
+    nothing = invoke("watch", waving, "--tau", 1)
+    assert nothing.stdout == ""
+    assert "no event; a second example, or a lower --tau, tells more" in nothing.stderr
     files = [tmp_path / f"told.{kind}" for kind in ("csv", "srt", "mp4")]
     words = [word for file in files for word in (f"--{file.suffix[1:]}", file)]
     words[4] = "--annotate"

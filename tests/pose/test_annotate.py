@@ -44,6 +44,20 @@ def test_every_frame_with_a_skeleton(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.mp4", "out.mp4"]
 
 
+def test_accepted_and_rejected_have_a_sign_and_a_colour(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", [np.full((240, 320, 3), 90, np.uint8)] * 3)
+    signs, plain = [], []
+    for line in ("✓ wave", "✗ wave", "wave"):
+        annotate_video(video, tmp_path / "out.mp4", standing(3), lambda _, line=line: [line])
+        image = next(iter(VideoFile(tmp_path / "out.mp4").frames())).image.astype(int)
+        _, green, red = image[:18, :60].max(axis=(0, 1))
+        signs.append("green" if green > red + 50 else "red" if red > green + 50 else "")
+        plain.append(int((image[:18, :16].max(axis=2) > 130).sum()))
+    assert signs == ["green", "red", ""]
+    assert min(plain) > 10
+    assert plain[0] != plain[1]
+
+
 def test_fingers_of_a_hand_that_was_seen(tmp_path: Path) -> None:
     """Both hands' fingers lie below the skeleton; only the left hand was seen, and in half."""
     video = write_video(tmp_path / "in.mp4", [np.full((64, 96, 3), 90, np.uint8)] * 12)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from actioncli import SupportStore, UsageError, read_clip
 from actioncli.calibration.threshold import Calibration
 from actioncli.calibration.trials import Trials
 from actioncli.report.calibration import write_calibration
-
-from .browser import accessible, needs_chromium
+from tests.browsing import DESKTOP, PHONE, accessible, ask
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOTHING = {"count": 0, "of": 0, "motions": 0, "rate": None, "low": 0.0, "high": 1.0}
@@ -66,9 +66,17 @@ def test_page_tables_and_figures(folder: Path) -> None:
     assert (row["false_accepts_count"], row["false_rejects_rate"]) == ("1", "")
 
 
-@needs_chromium
-def test_the_page_is_for_everyone(folder: Path) -> None:
-    accessible(folder / "index.html")
+def test_the_page_is_for_everyone(browser: Browser, folder: Path) -> None:
+    accessible(browser, folder / "index.html")
+
+
+@pytest.mark.parametrize(("size", "wide"), [(DESKTOP, [False] * 3), (PHONE, [True, False, True])])
+def test_a_table_that_is_wider_than_the_page_says_so(
+    browser: Browser, folder: Path, size: tuple[int, int], wide: list[bool]
+) -> None:
+    script = """await until(() => document.querySelectorAll(".sideways").length === 3);
+        return [...document.querySelectorAll(".sideways")].map((e) => e.checkVisibility());"""
+    assert ask(browser, folder / "index.html", script, size) == wide
 
 
 def test_it_does_not_write_over_something_else(folder: Path, tmp_path: Path) -> None:

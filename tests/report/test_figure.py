@@ -40,6 +40,31 @@ def test_the_body_stands_on_the_ground_and_faces_the_viewer() -> None:
         assert flat[0, found.names.index("lsho"), 0] > flat[0, found.names.index("rsho"), 0]
 
 
+def test_who_does_push_ups_is_seen_from_the_side() -> None:
+    """A body in the plank, wherever its head points to, lies across the picture, hands below."""
+    lying = standing() @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # on its front
+    for angle in (0, 1, 3):
+        found = figure(Clip(turned(lying, angle), DEFAULT_JOINTS))
+        flat = project(found.points)[0]
+        head, ankle, hip, wrist = (
+            flat[found.names.index(name)] for name in ("head", "lank", "lhip", "lwri")
+        )
+        assert ankle[0] - head[0] > 1.2
+        assert abs(ankle[1] - head[1]) < 0.3
+        assert wrist[1] < hip[1]
+
+
+def test_the_telling_frame_is_where_the_action_is() -> None:
+    joints = standing(9)
+    raised = joints[-1].copy()
+    joints[:] = joints[0]
+    joints[4] = raised
+    # Walking along tells nothing.
+    walked = joints + np.arange(9)[:, None, None] * [0.3, 0, 0]
+    for clip in (joints, walked):
+        assert figure(Clip(clip, DEFAULT_JOINTS)).telling == 4
+
+
 def test_what_is_nearer_to_the_viewer_is_lower_in_the_picture() -> None:
     near, far = project(np.array([[0, 0, -1], [0, 0, 1]], np.float32))
     assert near[1] < far[1]

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from actioncli import Clip, read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.report.figure import figure
-from actioncli.report.page import Stage, page, playable, table
+from actioncli.report.page import page, playable, player, table
 from actioncli.report.plots import SHARES, Axis, Plot
-
-from .browser import accessible, ask, needs_chromium
+from tests.browsing import accessible, ask
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -28,26 +28,23 @@ await wait(50);
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page with two figures."""
-    stage = Stage()
-    shown = [
-        (label, playable(figure(read_clip(EXAMPLES / f"{name}.npz"))))
-        for label, name in (("one", "squat/ada"), ("two", "wave_right/ben"))
-    ]
-    body = "<h1>Two</h1>" + stage.player("</script> & two", shown)
+    clips = [read_clip(EXAMPLES / f"{name}.npz") for name in ("squat/ada", "wave_right/ben")]
+    body = "<h1>Two</h1>" + player("</script> & two", ["one", "two"])
+    figures = [playable(figure(clip)) for clip in clips]
     file = tmp_path_factory.mktemp("page") / "page.html"
-    file.write_text(page("two <figures>", body, stage.figures), encoding="utf-8")
+    file.write_text(page("two <figures>", body, figures), encoding="utf-8")
     return file
 
 
-@needs_chromium
-def test_play_scrub_and_turn(two: Path) -> None:
+def test_play_scrub_and_turn(browser: Browser, two: Path) -> None:
     got = ask(
+        browser,
         two,
         _PICTURE
         + """
-        const start = picture();
-        play.click(); await wait(400);
-        const moved = picture(), moment = Number(scrub.value), playing = play.textContent;
+        const start = picture(), opening = Number(scrub.value);
+        play.click(); await until(() => Number(scrub.value) !== opening);
+        const moved = picture(), playing = play.textContent;
         play.click(); await wait(50);
         const stopped = picture(); await wait(200); const still = picture();
         scrub.value = 500; scrub.dispatchEvent(new Event("input"));
@@ -59,14 +56,14 @@ def test_play_scrub_and_turn(two: Path) -> None:
         key(" "); const by_key = play.textContent; key(" ");
         const same = (a, b) => a.map((each, i) => each === b[i]);
         return { drawn: start.map((url) => url.length > 2000), moved: same(start, moved),
-          moment, playing, stopped: same(stopped, still), middle: same(middle, start), told,
+          opening, playing, stopped: same(stopped, still), middle: same(middle, start), told,
           turned: same(turned, middle), raised: same(raised, turned), home: same(home, middle),
           front: same(front_again, middle), by_key };
         """,
     )
     assert got["drawn"] == [True, True]
     assert got["moved"] == [False, False]
-    assert got["moment"] > 0
+    assert 350 < got["opening"] < 550  # the squat is deepest there
     assert (got["playing"], got["by_key"]) == ("Pause", "Pause")
     assert got["stopped"] == [True, True]
     assert got["middle"] == [False, False]
@@ -75,23 +72,22 @@ def test_play_scrub_and_turn(two: Path) -> None:
     assert got["home"] == got["front"] == [True, True]
 
 
-@needs_chromium
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (500, True)])
-def test_it_follows_the_theme(two: Path, width: int, dark: bool) -> None:
+def test_it_follows_the_theme(browser: Browser, two: Path, width: int, dark: bool) -> None:
     got = ask(
+        browser,
         two,
         """return { paper: getComputedStyle(document.body).backgroundColor,
           tops: [...document.querySelectorAll("canvas")].map((c) => c.offsetTop) };""",
-        width,
+        (width, 900),
         dark,
     )
     assert got["paper"] == ("rgb(20, 23, 26)" if dark else "rgb(255, 255, 255)")
     assert got["tops"][0] == got["tops"][1]
 
 
-@needs_chromium
-def test_the_page_is_for_everyone(two: Path) -> None:
-    accessible(two)
+def test_the_page_is_for_everyone(browser: Browser, two: Path) -> None:
+    accessible(browser, two)
 
 
 def test_a_page_names_nothing_outside(two: Path) -> None:
@@ -100,7 +96,7 @@ def test_a_page_names_nothing_outside(two: Path) -> None:
     assert "http://" not in text
     assert "https://" not in text
     assert "<title>two &lt;figures&gt;</title>" in text
-    assert text.count("</script>") == 2
+    assert text.count("</script>") == 3
 
 
 @pytest.mark.parametrize(

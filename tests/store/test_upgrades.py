@@ -126,6 +126,8 @@ def test_an_old_store_that_cannot_be_written_is_read(
         assert len(store.support()["squat"]) == 2
         with pytest.raises(StoreError, match="cannot be written"):
             store.remove("wave")
+        with pytest.raises(StoreError, match="Permission denied"):
+            SupportStore(store.path.with_name("other.db")).set_setting("a", "b")
 
     assert as_ordinary_user(read)
     store.path.parent.chmod(0o700)

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from actioncli.recognition.threshold import keep_threshold
 from actioncli.studio.app import Studio
 from actioncli.studio.support import SharedSupport
 from actioncli.studio.upload_folder import UploadFolder
+from tests.browsing import opened
 
-from .browsing import CHROMIUM, FILM, OPTIONS, opened, write_film
 from .serving import Client, serving
 
 
@@ -51,21 +51,6 @@ def studio(served: tuple[Studio, str]) -> Studio:
 def client(studio: Studio, served: tuple[Studio, str]) -> Client:
     """Somebody with the studio's address."""
     return Client(served[1])
-
-
-@pytest.fixture(scope="package")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """Chromium, whose camera shows a film where there is one, else a test picture."""
-    if CHROMIUM is None:
-        pytest.skip("needs chromium")
-    options = list(OPTIONS)
-    if FILM.is_file():
-        film = write_film(FILM, tmp_path_factory.mktemp("film") / "film.mjpeg")
-        options.append(f"--use-file-for-fake-video-capture={film}")
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield launched
-        launched.close()
 
 
 @pytest.fixture

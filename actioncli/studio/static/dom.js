@@ -28,21 +28,9 @@ export const button = (text, click, attributes = {}) =>
 
 // Figures side by side that play in step: [{ caption, figure }], a caption being text or an element.
 export function player(name, shown) {
-  const panels = shown.map(({ caption }, place) =>
-    el("figure", {},
-      el("canvas", {
-        width: 300, height: 300, tabindex: 0, role: "img",
-        "aria-label": `Skeleton, ${name}, ${place + 1} of ${shown.length}; arrow keys turn it, space plays`,
-      }),
-      el("figcaption", {}, caption)));
-  const element = el("div", { class: "player" },
-    el("div", { class: "stage" }, ...panels),
-    el("div", { class: "controls" },
-      el("button", { type: "button", class: "play", "aria-label": `Play or pause: ${name}` }, "Play"),
-      el("input", { class: "scrub", type: "range", min: 0, max: 1000, value: 0, "aria-label": `Moment: ${name}` }),
-      el("output", { class: "said", "aria-live": "off" }, "0 %"),
-      el("button", { type: "button", class: "front", "aria-label": `Turn to the front: ${name}` }, "Front")));
-  globalThis.skeletons.mount(element, shown.map(({ figure }) => figure));
+  const panels = shown.map(({ caption }) => el("figure", {}, el("figcaption", {}, caption)));
+  const element = el("div", { class: "player" }, el("div", { class: "stage" }, ...panels));
+  globalThis.skeletons.mount(element, name, shown.map(({ figure }) => figure));
   return element;
 }
 
