@@ -167,9 +167,9 @@ def watch(
     JSON keys:
       label, start, end, confidence, repetitions, weights
     """
+    from actioncli.live import timeline
     from actioncli.live.film import Film
     from actioncli.live.recorder import Recorder
-    from actioncli.live.timeline import Subtitles, Table
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
     from actioncli.recognition.followed import FollowedSupport
@@ -197,8 +197,8 @@ def watch(
     if annotate is not None:
         check_annotation(inputs, annotate, metrabs=False)
     reactions = _reactions(view, execute, mqtt, webhook, beep)
-    reactions += [Table(table)] if table is not None else []
-    reactions += [Subtitles(subtitles)] if subtitles is not None else []
+    reactions += [timeline.table(table)] if table is not None else []
+    reactions += [timeline.subtitles(subtitles)] if subtitles is not None else []
     film = Film()
     reactions += [film] if annotate is not None else []
 

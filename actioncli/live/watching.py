@@ -53,6 +53,7 @@ class Stream(Protocol):
         Raises:
             ClipError: there was nothing to watch.
         """
+        return None
 
     def close(self) -> None:
         """Let go of the camera or the file."""
@@ -201,7 +202,7 @@ def frames_of(
             note(line)
 
 
-class _ClipStream:
+class _ClipStream(Stream):
     """A recorded clip, frame by frame; see `Stream`."""
 
     seen = True
@@ -230,10 +231,3 @@ class _ClipStream:
     def state(self, now: float) -> str:
         """How much is left."""
         return f"{self._clip.duration - now:.0f} s left"
-
-    def end(self, frames: int) -> str | None:
-        """Nothing."""
-        return None
-
-    def close(self) -> None:
-        """Nothing to do."""
