@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from actioncli.actions import Actions
 from actioncli.errors import ActionCliError, ClipError, UsageError
 from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream
@@ -29,7 +30,6 @@ from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.recognition.support import SupportSet
 from actioncli.studio.guard import SUBPROTOCOL
 from actioncli.studio.responses import checked_tau
-from actioncli.studio.support import SharedSupport
 
 # A message is the picture's time, in seconds, as a little-endian double, and the picture as JPEG.
 _TIME = struct.Struct("<d")
@@ -47,13 +47,13 @@ class Camera:
         tau: the threshold that is tried; None is the one in use.
     """
 
-    def __init__(self, support: SharedSupport) -> None:
+    def __init__(self, actions: Actions) -> None:
         """Load the pose networks.
 
         Raises:
             WeightsError: one is missing or damaged.
         """
-        self._support = support
+        self._actions = actions
         self.tau: float | None = None
         self._detector: EventDetector | None = None
         self._used: tuple[SupportSet, float | None] | None = None
@@ -92,7 +92,7 @@ class Camera:
 
     def _follow_support(self) -> None:
         """What is enrolled may change while the camera runs."""
-        loaded = self._support.support
+        loaded = self._actions.support
         if self._used == (loaded, self.tau):
             return
         self._used = loaded, self.tau
@@ -125,13 +125,13 @@ class Camera:
         return shown
 
 
-def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[None]]:
+def live_endpoint(actions: Actions) -> Callable[[WebSocket], Awaitable[None]]:
     """The WebSocket of a camera: pictures in, one answer to each out, in order."""
 
     async def live(socket: WebSocket) -> None:
         await socket.accept(SUBPROTOCOL)
         try:
-            camera = await asyncio.to_thread(Camera, support)
+            camera = await asyncio.to_thread(Camera, actions)
             await _send(socket, {"bones": _bones()})
             while True:
                 message = await socket.receive()

@@ -75,7 +75,7 @@ def test_the_tau_that_is_tried_and_the_support_set_are_followed(
     client.ask("PUT", "/api/tau", {"tau": 0.3})
     socket.send(message(2.0, grey))
     assert receive(socket)["tau"] == 0.3
-    studio.support.store.clear()
+    studio.actions.store.clear()
     socket.send(message(3.0, grey))
     assert "ranking" not in receive(socket)
 
@@ -134,7 +134,7 @@ def test_pictures_of_a_camera_that_is_named(studio: Studio, tmp_path: Path) -> N
 @contextmanager
 def named(studio: Studio, source: str | None) -> Iterator[ClientConnection]:
     """The pictures of a source."""
-    other = Studio(studio.support, studio.upload_folder, source=source)
+    other = Studio(studio.actions, studio.upload_folder, source=source)
     with serving(other.app()) as address:
         client = Client(address)
         assert client.get("/api/state")["source"] == source
@@ -148,8 +148,8 @@ def named(studio: Studio, source: str | None) -> Iterator[ClientConnection]:
 
 @needs_film
 def test_an_action_is_recognised_while_it_is_performed(studio: Studio) -> None:
-    studio.support.store.enroll("jumping jack", read_video_clip(FILM, cache=False))
-    camera = Camera(studio.support)
+    studio.actions.store.enroll("jumping jack", read_video_clip(FILM, cache=False))
+    camera = Camera(studio.actions)
     events, whole, rankings = [], [], []
     # At a rate that a slow machine reaches too.
     for n, image in enumerate(real_frames(FILM, 40, every=3)):
