@@ -6,17 +6,15 @@ import hashlib
 import json
 import os
 import random
-import sqlite3
 import stat
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
-from storing import make_clip, same
+from storing import alter, make_clip, same
 
 from actioncli.errors import StoreError, SupportError
 from actioncli.store import archive
@@ -163,9 +161,7 @@ def test_an_empty_store_exports_nothing(store: SupportStore, tmp_path: Path) -> 
 
 def test_damage_in_the_store_is_not_exported(store: SupportStore, exported: Path) -> None:
     before = exported.read_bytes()
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute("UPDATE examples SET fps = 26 WHERE id = 2")
-        db.commit()
+    alter(store.path, "UPDATE examples SET fps = 26 WHERE id = 2")
     with pytest.raises(StoreError, match="example 2 of '挥手 🤷' is damaged"):
         store.export(exported)
     assert exported.read_bytes() == before
