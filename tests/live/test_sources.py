@@ -81,7 +81,8 @@ def test_a_stream_that_breaks_is_told_and_goes_on(first: list[bytes | float], wh
 @pytest.mark.usefixtures("hasty")
 def test_a_stream_that_lies_about_being_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """A page of a router that starts, nothing, and one picture alone are no stream."""
-    monkeypatch.setattr(camera, "OPENING", 1.0)
+    monkeypatch.setattr(camera, "OPENING", 0.7)
+    monkeypatch.setattr(camera, "_FIRST_PAUSE", 0.25)
     told: list[str] = []
     lies: list[list[bytes | float]] = [[b"<html>starting</html>"], [60.0], [WHOLE[0]]]
     with answering(FIRST, *lies, REST, cycle(REST)) as address:
@@ -90,8 +91,8 @@ def test_a_stream_that_lies_about_being_back(monkeypatch: pytest.MonkeyPatch) ->
         shown, _ = seen(source, lambda numbers: bool(numbers) and numbers[-1] == 39)
     assert shown[-2] >= 20
     assert len(told) == 2
-    # Pauses grow: half a second, one, two, four.
-    assert time.monotonic() - begun > 0.5 + 1 + 2 + 4
+    # Pauses grow: a quarter of a second, half of one, one, two; openings take 1.4 s.
+    assert time.monotonic() - begun > 0.25 + 0.5 + 1 + 2
 
 
 @pytest.mark.usefixtures("hasty")
@@ -153,13 +154,23 @@ def test_a_file_at_an_address_that_is_cut_off_is_told(tmp_path: Path) -> None:
     assert "the file announces 20 frames and" in (source.shortfall() or "")
 
 
-def test_what_is_no_source() -> None:
+@pytest.mark.parametrize(
+    ("source", "why"),
+    [
+        ("nothing.mp4", "cannot read the video: No such file"),
+        ("77", "camera 77: cannot be opened"),
+        *[(number, "there is none; cameras are numbered from 0") for number in (-1, 100, 10**20)],
+        ("http://127.0.0.1:1/", r"cannot be opened\. Is the address right"),
+    ],
+)
+def test_what_is_no_source(source: int | str, why: str) -> None:
+    with pytest.raises(ClipError, match=why):
+        open_source(source)
+
+
+def test_what_sends_no_pictures() -> None:
     with pytest.raises(UsageError, match="such an address sends no pictures"):
         open_source("file:///tmp/a.mp4")
-    with pytest.raises(ClipError, match="cannot read the video: No such file"):
-        open_source("nothing.mp4")
-    with pytest.raises(ClipError, match="camera 77: cannot be opened"):
-        open_source("77")
 
 
 @pytest.mark.skipif(not Path("/dev/null").is_char_device(), reason="devices are not files here")
