@@ -81,8 +81,7 @@ def test_a_stream_that_breaks_is_told_and_goes_on(first: list[bytes | float], wh
 @pytest.mark.usefixtures("hasty")
 def test_a_stream_that_lies_about_being_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """A page of a router that starts, nothing, and one picture alone are no stream."""
-    monkeypatch.setattr(camera, "OPENING", 0.7)
-    monkeypatch.setattr(camera, "_FIRST_PAUSE", 0.25)
+    monkeypatch.setattr(camera, "OPENING", 1.0)
     told: list[str] = []
     lies: list[list[bytes | float]] = [[b"<html>starting</html>"], [60.0], [WHOLE[0]]]
     with answering(FIRST, *lies, REST, cycle(REST)) as address:
@@ -91,8 +90,8 @@ def test_a_stream_that_lies_about_being_back(monkeypatch: pytest.MonkeyPatch) ->
         shown, _ = seen(source, lambda numbers: bool(numbers) and numbers[-1] == 39)
     assert shown[-2] >= 20
     assert len(told) == 2
-    # Pauses grow: a quarter of a second, half of one, one, two; openings take 1.4 s.
-    assert time.monotonic() - begun > 0.25 + 0.5 + 1 + 2
+    # Pauses grow: half a second, one, two, four.
+    assert time.monotonic() - begun > 0.5 + 1 + 2 + 4
 
 
 @pytest.mark.usefixtures("hasty")
