@@ -277,7 +277,6 @@ def test_other_tabs_and_commands_are_followed(
         SupportStore(studio.actions.store.path).enroll("wave", read_clip(WAVE))
         for page in (tab, phone):
             expect(page.get_by_role("article", name="wave")).to_be_visible()
-        check(phone)
 
 
 def test_without_the_token_the_page_stays_empty(browser: Browser, client: Client) -> None:
