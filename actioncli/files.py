@@ -1,5 +1,5 @@
 """Files and folders: outputs that appear whole, the lock on an output, where a user's own files
-and the shipped weights lie, JSON of results."""
+and the shipped weights lie, JSON of results; and all in which Linux, macOS and Windows differ."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ import json
 import math
 import os
 import re
+import shlex
+import signal
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 from actioncli.errors import ActionCliError, UsageError, WeightsError
 
@@ -23,6 +27,10 @@ HOME_VARIABLE = "ACTIONCLI_HOME"
 _MARK = "This folder belongs to actioncli, which deletes its {} in it.\n"
 _PART = re.compile(r"\.actioncli-\w{8}\.part")
 _PACKAGE = Path(__file__).resolve().parent
+# What differs between systems asks this name, in whose place tests put another system's.
+SYSTEM = sys.platform
+# One of these says that there is a screen to show a browser on.
+_SCREENS = frozenset({"DISPLAY", "WAYLAND_DISPLAY", "BROWSER"})
 
 
 class NoHomeError(OSError):
@@ -141,8 +149,7 @@ def is_own_folder(folder: Path) -> bool:
         OSError: there is none.
     """
     status = folder.lstat()
-    mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
-    return mine and stat.S_ISDIR(status.st_mode)
+    return is_mine(status) and stat.S_ISDIR(status.st_mode)
 
 
 def marked_folder(folder: Path, made: Callable[[str], object] = lambda name: False) -> bool:
@@ -316,3 +323,91 @@ def csv_cell(value: object) -> object:
     if isinstance(value, float):
         return f"{value:.6g}"
     return f"'{value}" if isinstance(value, str) and value[:1] in _FORMULA else value
+
+
+def is_mine(status: os.stat_result) -> bool:
+    """Whether a file is this user's; on Windows its folder says so, not the file."""
+    return SYSTEM == "win32" or status.st_uid == os.geteuid()
+
+
+def rights_of_others(path: Path) -> int:
+    """The mode bits of group and others; 0 on Windows, where modes mean nothing."""
+    return 0 if SYSTEM == "win32" else path.stat().st_mode & 0o077
+
+
+def sync_folder(folder: Path) -> None:
+    """What was created, renamed or deleted in a folder survives a power loss from now on."""
+    if SYSTEM == "win32":
+        return  # folders cannot be opened there, and the system sees to it
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def lock_bytes(file: BinaryIO, start: int, length: int) -> bool:
+    """Lock a part of an open file until it is closed; False where another process has it."""
+    try:
+        if SYSTEM == "win32":
+            msvcrt: Any = import_module("msvcrt")
+            file.seek(start)
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, length)
+        else:
+            import fcntl
+
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
+
+
+def replace_open(part: Path, path: Path, file: BinaryIO) -> None:
+    """Put `part` in the place of `path`, which is open as `file`."""
+    if SYSTEM == "win32":
+        file.close()  # only there it could not be replaced; elsewhere its lock stays until the end
+    part.replace(path)
+
+
+def own_cores() -> list[int]:
+    """The processor cores that this process may use; all where the system does not tell."""
+    if SYSTEM == "linux":
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def ending_signals() -> list[int]:
+    """What a service is ended by, and what a terminal that is closed sends (not on Windows)."""
+    names = ["SIGTERM"] if SYSTEM == "win32" else ["SIGTERM", "SIGHUP"]
+    return [getattr(signal, name) for name in names]
+
+
+def command_words(line: str) -> list[str]:
+    """The words of a command line; on Windows a backslash is a part of a path.
+
+    Raises:
+        ValueError: a quotation does not end.
+    """
+    if SYSTEM == "win32":
+        return [word.strip("'\"") for word in shlex.split(line, posix=False)]
+    return shlex.split(line)
+
+
+def has_screen() -> bool:
+    """Whether a page can be shown to the user; macOS and Windows always have a screen."""
+    return SYSTEM != "linux" or bool(os.environ.keys() & _SCREENS)
+
+
+def listed_cameras() -> list[tuple[int, str]] | None:
+    """Number and name of the cameras that the system lists; None where it does not (macOS,
+    Windows)."""
+    if SYSTEM != "linux":
+        return None
+    found = []
+    for entry in Path("/sys/class/video4linux").glob("video*"):
+        # A camera's other devices tell about its pictures and give none.
+        with contextlib.suppress(OSError, ValueError):
+            if int((entry / "index").read_text()) == 0:
+                name = (entry / "name").read_text(errors="replace").strip()
+                found.append((int(entry.name.removeprefix("video")), name))
+    return sorted(found)

@@ -1,19 +1,29 @@
-"""Where a user's files lie, also where the user has no home."""
+"""Where a user's files lie, also where the user has no home; and what differs between systems."""
 
 from __future__ import annotations
 
 import os
+import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from typer.testing import CliRunner
 
-from actioncli import SupportStore
+from actioncli import SupportStore, files
+from actioncli.archives.processes import cores
+from actioncli.cli.app import app
 from actioncli.errors import StoreError, UsageError
 from actioncli.files import NoHomeError, user_folder, user_settings
-from actioncli.pose import cache
+from actioncli.pose import cache, camera
+from actioncli.store.backup import make_backup
 from tests.pose.test_cache import poses
+from tests.pose.videos import numbered, write_video
+
+ROOT = Path(__file__).parents[1]
 
 posix = pytest.mark.skipif(os.name != "posix", reason="homes are found otherwise there")
 
@@ -38,6 +48,9 @@ def test_actioncli_home_names_the_folder(kind: str, monkeypatch: pytest.MonkeyPa
     assert user_folder(kind) == Path.home() / "actions"  # type: ignore[arg-type]
     monkeypatch.setenv("ACTIONCLI_HOME", "here")
     assert user_folder(kind) == Path.cwd() / "here"  # type: ignore[arg-type]
+    monkeypatch.setenv("ACTIONCLI_HOME", "~nobody-of-this-name/actions")
+    with pytest.raises(NoHomeError, match="names no folder"):
+        user_folder(kind)  # type: ignore[arg-type]
     monkeypatch.delenv("ACTIONCLI_HOME")
     assert user_folder(kind).is_absolute()  # type: ignore[arg-type]
 
@@ -151,3 +164,102 @@ def test_settings_of_the_environment_name_their_variable(
 @pytest.mark.usefixtures("homeless")
 def test_without_a_home_there_are_no_settings() -> None:
     assert user_settings() == {}
+
+
+# What some systems lack, and what asks for them.
+_SYSTEMS = re.compile(
+    r"\b(?:sys\.platform|signal\.SIG(?:HUP|KILL|USR1)"
+    r"|import (?:fcntl|grp|msvcrt|pwd|resource|termios)"
+    r"|os\.(?:name|fork|getuid|geteuid|kill|mkfifo|sched_\w+|setsid|O_NOFOLLOW))\b"
+)
+# In a process that was forked, so on Linux; and where it is heeded that there is no such module.
+_HEEDED = {("processes.py", "os.sched_setaffinity"), ("review.py", "import termios")}
+
+
+def test_only_files_asks_which_system_it_is() -> None:
+    for file in sorted((ROOT / "actioncli").rglob("*.py")):
+        if file.name != "files.py":
+            found = {(file.name, name) for name in _SYSTEMS.findall(file.read_text("utf-8"))}
+            assert found <= _HEEDED
+
+
+@pytest.fixture(params=["win32", "darwin"])
+def elsewhere(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """As on another system: what that one lacks is not there."""
+    system: str = request.param
+    monkeypatch.setattr(files, "SYSTEM", system)
+    missing = [(os, "sched_getaffinity"), (os, "sched_setaffinity")]
+    if system == "win32":
+        missing += [(os, "geteuid"), (os, "O_NOFOLLOW"), (signal, "SIGHUP"), (signal, "SIGKILL")]
+        for name in ("fcntl", "pwd", "termios"):
+            monkeypatch.setitem(sys.modules, name, None)
+        locks = SimpleNamespace(LK_NBLCK=2, locking=lambda handle, kind, length: None)
+        monkeypatch.setitem(sys.modules, "msvcrt", locks)
+    for module, name in missing:
+        monkeypatch.delattr(module, name)
+    return system
+
+
+@pytest.mark.usefixtures("elsewhere")
+def test_commands_work_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ACTIONCLI_HOME", str(tmp_path / "home"))
+    bow, squat = (str(ROOT / "examples" / f"{name}/ben.npz") for name in ("bow", "squat"))
+    video = str(write_video(tmp_path / "a.mp4", numbered(8)))
+    store = SupportStore()
+    for words in (
+        ["enroll", "bow", bow], ["enroll", "squat", squat], ["classify", bow, squat],
+        ["watch", video], ["list-support"], ["cameras"],
+    ):  # fmt: skip
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 0, (words, result.output, result.exception)
+    assert make_backup(store.path)
+    content = bytearray(store.path.read_bytes())
+    content[4096:8192] = bytes(4096)
+    store.path.write_bytes(content)
+    done = store.repair()
+    assert done is not None
+    assert set(done.labels.values()) == {"bow", "squat"}
+    assert store.check() == []
+
+
+@pytest.mark.usefixtures("elsewhere")
+def test_the_studio_works_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("starlette", reason="needs the extra `studio`")
+    import webbrowser
+
+    from actioncli.studio.server import Server
+    from actioncli.studio.upload_folder import UploadFolder
+
+    monkeypatch.setenv("ACTIONCLI_HOME", str(tmp_path))
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(webbrowser, "open", lambda address: address.startswith("file:"))
+    UploadFolder().close()
+    server = Server()
+    try:
+        assert server.open(tmp_path)
+    finally:
+        server.close()
+
+
+def test_what_other_systems_have_not_is_not_asked_for(
+    elsewhere: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    windows = elsewhere == "win32"
+    file, part = tmp_path / "a", tmp_path / "part"
+    for path in (file, part):
+        path.write_bytes(b"x")
+        path.chmod(0o644)
+    assert (files.rights_of_others(file) == 0) == windows
+    monkeypatch.setattr(camera, "_opens", lambda number: number == 1)
+    assert camera.cameras() == [(1, "camera 1")]
+    assert (len(files.own_cores()), cores()) == (os.cpu_count(), 1)
+    assert len(files.ending_signals()) == (1 if windows else 2)
+    words = ["C:\\a b\\beep.exe", "-n", "3"] if windows else ["C:a b", "beep.exe"]
+    line = '"C:\\a b\\beep.exe" -n 3' if windows else r"C:a\ b beep.exe"
+    assert files.command_words(line) == words
+    with file.open("r+b") as opened:
+        assert files.lock_bytes(opened, 1 << 30, 512)
+        files.replace_open(part, file, opened)
+        assert opened.closed == windows
+    if windows:
+        files.sync_folder(tmp_path / "cannot be opened")

@@ -19,11 +19,6 @@ from actioncli.recognition.threshold import Threshold, keep_threshold
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
-@pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
-
-
 @pytest.fixture
 def store(tmp_path: Path, recognizer: Recognizer) -> SupportStore:
     """Examples of different lengths, a negative, and a threshold of one action's own."""

@@ -12,6 +12,7 @@ Markdown.
 from __future__ import annotations
 
 import argparse
+import csv
 import itertools
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -20,8 +21,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from measure_live import ENROLLED, Looks, Performance, Score, told
 
-from actioncli.clips.clip import Clip, FloatArray
+from actioncli.clips.clip import Clip
 from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream, file_frames
 from actioncli.pose.frames import VideoFile
@@ -33,6 +35,12 @@ from actioncli.recognition.threshold import DEFAULT_TAU
 
 # The joined video: size, frame rate, and seconds that a clip may take of it.
 SIZE, FPS, LONGEST = (640, 480), 25, 8.0
+# Seconds of poses that are remembered; windows are shorter.
+REMEMBERED = 9.0
+# How often the action is done in each video, and when one of these begins and ends, seconds.
+COUNTED = Path(__file__).with_name("repetitions.csv")
+# Poses a second.
+RATE = 15
 TAUS = (0.1, 0.2, 0.3, 0.4, 0.5)
 
 
@@ -95,13 +103,15 @@ def letterboxed(image: Image) -> Image:
     return out
 
 
-def join(parts: Sequence[Recording], path: Path) -> list[tuple[str, float, float]]:
+def join(
+    parts: Sequence[Recording], path: Path, longest: float = LONGEST
+) -> list[tuple[str, float, float]]:
     """Write the clips one after another; returns label, start and end of each."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, SIZE)
     truth, written = [], 0
     for part in parts:
         start = written
-        for frame in VideoFile(part.path).frames(end=LONGEST):
+        for frame in VideoFile(part.path).frames(end=longest):
             # Repeats frames of slow videos and leaves out some of fast ones.
             while written - start <= frame.time * FPS:
                 writer.write(letterboxed(frame.image))
@@ -111,26 +121,20 @@ def join(parts: Sequence[Recording], path: Path) -> list[tuple[str, float, float
     return truth
 
 
-Looks = list[tuple[FloatArray, Clip | None, float]]
-
-
 def looks_at(path: Path, detector: EventDetector, quality: str) -> Looks:
     """What each look at a video says of each window and action, the last seconds, and when."""
-    poses = PoseStream(quality, seconds=max(detector.windows) + 1)
-    looks: Looks = []
+    return [(detector.look(clip), clip, now) for clip, now in seen_in(path, quality)]
+
+
+def seen_in(path: Path, quality: str) -> list[tuple[Clip | None, float]]:
+    """The last seconds at each look at a video, and when."""
+    poses = PoseStream(quality, seconds=REMEMBERED)
+    seen: list[tuple[Clip | None, float]] = []
     for frame in file_frames(VideoFile(path)):
         poses.add(frame)
-        if not looks or frame.time - looks[-1][2] >= STRIDE:
-            clip = poses.clip()
-            looks.append((detector.look(clip), clip, frame.time))
-    return looks
-
-
-def told(looks: Looks, support: SupportSet) -> list[Event]:
-    """The events."""
-    detector = EventDetector(support)
-    events = [event for look in looks for event in detector.take(*look)]
-    return events + detector.finish()
+        if not seen or frame.time - seen[-1][1] >= STRIDE:
+            seen.append((poses.clip(), frame.time))
+    return seen
 
 
 @dataclass
@@ -201,9 +205,61 @@ def watching(
             truth = join(parts, path)
             looks = looks_at(path, detector, quality)
         for tau, tally in tallies.items():
-            events = told(looks, support.with_tau(tau))
+            events = [event for event, _ in told(looks, support.with_tau(tau))]
             tally.add(events, [one for one in truth if one[0] in actions])
     return [f"{tau} | {tally.row()}" for tau, tally in tallies.items()]
+
+
+def counting(
+    recognizer: Recognizer, recordings: Sequence[Recording], quality: str, seed: int
+) -> list[str]:
+    """Rows: tau, and how well sets are counted in all videos joined to one.
+
+    For each set its action is enrolled by one of its repetitions, beside three others of as many
+    actions. Other people's performances of these actions are left out of account.
+    """
+    with COUNTED.open(newline="") as file:
+        rows = {row["video"]: row for row in csv.DictReader(file)}
+    random = np.random.default_rng(seed)
+    parts = [recordings[n] for n in random.permutation(len(recordings))]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "joined.mp4")
+        truth = join(parts, path, longest=np.inf)
+        seen = seen_in(path, quality)
+    counts = [int(rows.get(_name(one), {"repetitions": 1})["repetitions"]) for one in parts]
+    scores = {tau: Score() for tau in TAUS}
+    for chosen in (at for at, count in enumerate(counts) if count > 1):
+        enrolled = {parts[chosen].label: chosen}
+        for at in random.permutation(len(parts)).tolist():
+            if counts[at] > 1 and len(enrolled) < ENROLLED:
+                enrolled.setdefault(parts[at].label, at)
+        ones = {}
+        for label, at in enrolled.items():
+            row = rows[_name(parts[at])]
+            start, end = float(row["start"]), float(row["end"])
+            path = parts[at].path
+            ones[label] = [read_video_clip(path, start, end, quality=quality, rate=RATE)]
+        support = SupportSet.from_clips(ones, recognizer)
+        detector = EventDetector(support)
+        looks: Looks = [(detector.look(clip), clip, now) for clip, now in seen]
+        done = tuple(Performance(*truth[at], counts[at]) for at in enrolled.values())
+        strangers = [
+            (start, end)
+            for at, (label, start, end) in enumerate(truth)
+            if label in enrolled and at != enrolled[label]
+        ]
+        for tau, score in scores.items():
+            events = [
+                (event, now)
+                for event, now in told(looks, support.with_tau(tau))
+                if not any(start < event.end and event.start < end for start, end in strangers)
+            ]
+            score.add(seen[-1][1], done, events)
+    return [" | ".join([f"{tau}", *score.cells()]) for tau, score in scores.items()]
+
+
+def _name(recording: Recording) -> str:
+    return f"{recording.label}/{recording.path.name}"
 
 
 def main() -> None:
@@ -231,12 +287,23 @@ def main() -> None:
     if arguments.videos:
         print("\n| quality | tau | precision | recall | performances | right | more | wrong |")
         print("|" + " --- |" * 8)
+    counted: dict[str, list[str]] = {}
     for quality in arguments.qualities if arguments.videos else ():
-        recordings = read(quality, 15)
+        recordings = read(quality, RATE)
         for row in watching(
             recognizer, recordings, arguments.actions, quality, arguments.videos, arguments.seed
         ):
             print(f"| {quality} | {row} |", flush=True)
+        counted[quality] = counting(recognizer, recordings, quality, arguments.seed)
+    if counted:
+        print(
+            "\n| quality | tau | false events an hour | performances told | repetitions told "
+            "| sets within one | told after, s |"
+        )
+        print("|" + " --- |" * 7)
+    for quality, rows in counted.items():
+        for row in rows:
+            print(f"| {quality} | {row} |")
 
 
 if __name__ == "__main__":

@@ -181,7 +181,8 @@ def everyday(
         yield joined("everyday", parts, support)
 
 
-Looks = list[tuple[FloatArray, Clip, float]]
+# What each look says of each window and action, the last seconds, and when.
+Looks = list[tuple[FloatArray, Clip | None, float]]
 
 
 def looks_at(stream: Recorded, support: SupportSet) -> Looks:
@@ -220,19 +221,24 @@ class Score:
     close: int = 0
     delays: tuple[float, ...] = ()
 
-    def add(self, stream: Recorded, events: Sequence[tuple[Event, float]]) -> None:
-        """Compare events with what was done."""
-        hits: list[list[float]] = [[] for _ in stream.truth]
-        self.hours += stream.clip.duration / 3600
+    def add(
+        self,
+        seconds: float,
+        truth: Sequence[Performance],
+        events: Sequence[tuple[Event, float]],
+    ) -> None:
+        """Compare the events of a stream with what was done."""
+        hits: list[list[float]] = [[] for _ in truth]
+        self.hours += seconds / 3600
         for event, when in events:
-            for done, hit in zip(stream.truth, hits, strict=True):
+            for done, hit in zip(truth, hits, strict=True):
                 inside = min(event.end, done.end) - max(event.start, done.start)
                 if event.label == done.label and inside >= (event.end - event.start) / 2:
                     hit.append(when)
                     break
             else:
                 self.false += 1
-        for done, hit in zip(stream.truth, hits, strict=True):
+        for done, hit in zip(truth, hits, strict=True):
             self.performances += 1
             self.told += bool(hit)
             self.repetitions += done.repetitions
@@ -284,7 +290,8 @@ def main() -> None:
         support = SupportSet.from_clips(actions, recognizer)
         looks = looks_at(stream, support)
         for tau in TAUS:
-            scores[stream.kind, tau].add(stream, told(looks, support.with_tau(tau)))
+            events = told(looks, support.with_tau(tau))
+            scores[stream.kind, tau].add(stream.clip.duration, stream.truth, events)
         print(f"{number} of {len(streams)} streams: {stream.kind}", flush=True)
     print(
         "\n| streams | hours | tau | false events an hour | performances told | repetitions "

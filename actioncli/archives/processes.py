@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
+from actioncli import files
 from actioncli.errors import ActionCliError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class ProcessKilledError(ActionCliError):
 
 def cores() -> int:
     """On which this process may run; 1 where processes cannot be forked safely (macOS, Windows)."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
+    return len(files.own_cores()) if files.SYSTEM == "linux" else 1
 
 
 def in_processes(
@@ -51,7 +51,7 @@ def in_processes(
     from multiprocessing import get_context
 
     context = get_context("fork")
-    on = sorted(os.sched_getaffinity(0))
+    on = files.own_cores()
     ends: list[Connection] = []
     workers = []
     try:
@@ -97,7 +97,7 @@ def _work(
     # Ctrl-C reaches all of a terminal's processes: the first one ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # For it these are like Ctrl-C.
-    for ending in (signal.SIGTERM, signal.SIGHUP):
+    for ending in files.ending_signals():
         signal.signal(ending, signal.SIG_DFL)
     # Who holds these would not notice that the first process is gone.
     for end in inherited:

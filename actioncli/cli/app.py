@@ -35,7 +35,7 @@ from actioncli.cli.output import (
     write_json,
 )
 from actioncli.errors import ActionCliError, UsageError
-from actioncli.files import user_settings
+from actioncli.files import ending_signals, user_settings
 
 # Name to module and function, in the order of the help.
 COMMANDS: Mapping[str, str] = MappingProxyType(
@@ -191,8 +191,8 @@ def _ended_like_ctrl_c() -> Iterator[None]:
     was begun is tidied up, and what was found out is written."""
     # One that is ignored, as after nohup, stays so. Only the main thread may ask for signals.
     main = threading.current_thread() is threading.main_thread()
-    found = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP") if main]
-    caught = [each for each in found if each and signal.getsignal(each) is signal.SIG_DFL]
+    found = ending_signals() if main else []
+    caught = [each for each in found if signal.getsignal(each) is signal.SIG_DFL]
     for each in caught:
         signal.signal(each, signal.default_int_handler)
     try:

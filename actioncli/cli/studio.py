@@ -70,6 +70,18 @@ def studio(
     JSON keys:
       address
     """
+    serve(settings, port, open_page, camera)
+
+
+def serve(
+    settings: Settings, port: int = 0, open_page: bool = True, camera: str | None = None
+) -> None:
+    """Serve the studio until it is ended, with a camera beside the browser's.
+
+    Raises:
+        UsageError: the extra is missing.
+        StoreError, WeightsError: the support set or the weights cannot be used.
+    """
     check_extra()
     from actioncli.studio.app import Studio
 

@@ -31,11 +31,10 @@ from actioncli.pose import RETRY_SECONDS, without_password
 from actioncli.pose.read import is_video
 
 if TYPE_CHECKING:
-    from actioncli.live.events import Event, EventDetector
+    from actioncli.live.events import EventDetector
     from actioncli.live.reactions import Reaction
     from actioncli.live.watching import Stream
     from actioncli.recognition.followed import FollowedSupport
-    from actioncli.recognition.recognizer import Recognizer
     from actioncli.recognition.support import SupportSet
 
 
@@ -116,6 +115,14 @@ def watch(
             show_default=False,
         ),
     ] = None,
+    page: Annotated[
+        bool,
+        typer.Option(
+            "--page",
+            help="Show picture, skeleton, ranking, events and counts on a page in the browser, "
+            "large enough to be read across a room. Needs the extra studio.",
+        ),
+    ] = False,
     retry: Annotated[
         float,
         typer.Option(
@@ -138,8 +145,8 @@ def watch(
     A camera or a stream that breaks is told, and opened again; where it stays away, watching ends
     with exit code 3. Ctrl-C ends it. With --json, every event is a document on a line of its own.
 
-    What is enrolled, removed or calibrated meanwhile counts at once. `actioncli studio --camera
-    SOURCE` shows picture, events and counts on a page, large enough to be read across a room.
+    What is enrolled, removed or calibrated meanwhile counts at once. --page is the page of
+    `actioncli studio --camera SOURCE`, and does nothing else at events.
 
     What --mqtt and --webhook send are those documents with the time of day, `time`. A server that
     does not answer is told, and never keeps watching waiting: events are dropped until it works
@@ -148,6 +155,7 @@ def watch(
     \b
     Examples:
       actioncli watch
+      actioncli watch --page
       actioncli watch training.mp4 --json
       actioncli watch rtsp://192.168.1.20/stream --retry 600
       actioncli watch 0 --facing --exec 'notify-send moved'
@@ -159,9 +167,9 @@ def watch(
     JSON keys:
       label, start, end, confidence, repetitions, weights
     """
+    from actioncli.live import timeline
     from actioncli.live.film import Film
     from actioncli.live.recorder import Recorder
-    from actioncli.live.timeline import Subtitles, Table
     from actioncli.live.watching import DEFAULT_QUALITY
     from actioncli.live.watching import watch as events_of
     from actioncli.recognition.followed import FollowedSupport
@@ -169,6 +177,17 @@ def watch(
 
     if math.isnan(retry):  # neither less nor more than the option's bound
         raise UsageError("--retry must be a number of seconds.")
+    if page:
+        from actioncli.cli.studio import serve
+
+        given = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep, "csv": table}
+        given |= {"srt": subtitles, "annotate": annotate, "record": record, "facing": facing}
+        given |= {"sets": not each, "tau": tau, "hands": hands, "weights": weights}
+        for option, value in given.items():
+            if value not in (None, False):
+                raise UsageError(f"--page shows what is told, and takes no --{option}.")
+        serve(settings, camera=source)
+        return
     name = without_password(source)
     view = _Screen() if sys.stderr.isatty() and not settings.quiet else _Plain()
     inputs = [Path(source)] if is_video(source) else []
@@ -178,8 +197,10 @@ def watch(
     if annotate is not None:
         check_annotation(inputs, annotate, metrabs=False)
     reactions = _reactions(view, execute, mqtt, webhook, beep)
-    reactions += [Table(table)] if table is not None else []
-    reactions += [Subtitles(subtitles)] if subtitles is not None else []
+    reactions += [timeline.table(table)] if table is not None else []
+    reactions += [timeline.subtitles(subtitles)] if subtitles is not None else []
+    film = Film()
+    reactions += [film] if annotate is not None else []
 
     told: list[object] = []
 
@@ -188,11 +209,9 @@ def watch(
         if not settings.quiet:
             view.note(f"note: {name}: {line}")
 
-    film = Film() if annotate is not None else None
-
     def frame(now: float, stream: Stream, detector: EventDetector) -> None:
         view.draw(now, stream, detector)
-        if film is not None:
+        if annotate is not None:
             film.add(now, stream)
 
     try:
@@ -214,14 +233,13 @@ def watch(
                 note=tell,
             ):
                 told.append(event)
-                view.say(_line(settings, event, recognizer))
-                if film is not None:
-                    film.events.append(event)
+                document = {**event.to_json(), "weights": recognizer.weights.checksum}
+                view.say(json_text(document, indent=None) if settings.json else event_line(event))
                 for react in reactions:
                     react(event)
         if inputs and not told:
             tell("no event; a second example, or a lower --tau, tells more")
-        if film is not None and annotate is not None:
+        if annotate is not None:
             with video_progress(annotate, shown=not settings.quiet) as progress:
                 film.write(inputs[0], annotate, progress)
             settings.tell(f"drawn in {printable(annotate)}")
@@ -288,12 +306,6 @@ def _reactions(
     if mqtt is not None:
         reactions.append(Mqtt(mqtt, note))
     return reactions
-
-
-def _line(settings: Settings, event: Event, recognizer: Recognizer) -> str:
-    if not settings.json:
-        return event_line(event)
-    return json_text({**event.to_json(), "weights": recognizer.weights.checksum}, indent=None)
 
 
 class _Plain:

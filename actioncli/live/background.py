@@ -11,9 +11,9 @@ from typing import Any
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError
-from actioncli.live.events import STRIDE, Event, EventDetector
+from actioncli.live.events import Event, EventDetector
 from actioncli.live.recorder import part_of
-from actioncli.live.watching import DEFAULT_QUALITY, Stream, ending, open_stream
+from actioncli.live.watching import DEFAULT_QUALITY, Stream, frames_of, open_stream
 from actioncli.recognition.support import SupportSet
 
 # Thresholds that are tried: that a quiet day says nothing against a lower one than the usual
@@ -113,7 +113,7 @@ def watch_background(
     counts = dict.fromkeys(TAUS, 0)
     nearest: list[tuple[Event, Clip]] = []
     last: tuple[Clip, float] | None = None
-    looked, frames, seen, spent, now = -STRIDE, 0, 0, 0.0, 0.0
+    looked, spent = -math.inf, 0.0
 
     def count(tau: float, over: list[Event]) -> None:
         counts[tau] += len(over)
@@ -122,11 +122,9 @@ def watch_background(
         parts = [(event, part_of(*last, event.start, event.end)) for event in over]
         nearest.extend((event, part) for event, part in parts if part is not None)
 
-    with closing(open_stream(source, max(lowest.windows) + 1, quality, hands, note=note)) as stream:
-        for now in stream.times():
-            frames += 1
-            seen += stream.seen
-            if now - looked >= STRIDE:
+    with closing(open_stream(source, lowest, quality, hands, note=note)) as stream:
+        for now, look in frames_of(stream, lowest, note):
+            if look:
                 spent += now - looked if stream.seen and now - looked < _BREAK else 0
                 looked, clip = now, stream.clip()
                 last = last if clip is None else (clip, now)
@@ -137,9 +135,6 @@ def watch_background(
                 on_frame(now, stream)
             if now >= seconds:
                 break
-        for line in ending(stream, frames, seen, now, min(lowest.windows)):
-            if note is not None:
-                note(line)
     for tau, detector in detectors.items():
         count(tau, detector.finish())
     if not spent:

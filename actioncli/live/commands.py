@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shlex
 import shutil
 import subprocess
 import threading
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import IO
 
 from actioncli.errors import UsageError
+from actioncli.files import command_words
 from actioncli.live.events import Event
 from actioncli.live.reactions import LAST_SECONDS, Reaction
 
@@ -41,7 +41,7 @@ class CommandRunner(Reaction):
 
     def __post_init__(self) -> None:
         try:
-            self.words = shlex.split(self.line)
+            self.words = command_words(self.line)
         except ValueError as error:
             raise UsageError(f"--exec {self.line!r} is no command: {error}.") from error
         if not self.words or shutil.which(self.words[0]) is None:

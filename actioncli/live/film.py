@@ -7,6 +7,7 @@ from pathlib import Path
 
 from actioncli.errors import ClipError
 from actioncli.live.events import Event
+from actioncli.live.reactions import Reaction
 from actioncli.live.stream import VideoStream
 from actioncli.live.watching import Stream
 from actioncli.pose.annotate import annotate_video
@@ -18,19 +19,19 @@ from actioncli.pose.video import Progress
 _LEAST_SECONDS = 1.0
 
 
-class Film:
-    """Keeps what is seen of the person while a video is watched.
-
-    Attributes:
-        events: what was told.
-    """
+class Film(Reaction):
+    """Keeps what is seen of the person, and what is told, while a video is watched."""
 
     def __init__(self) -> None:
         """Nothing was seen yet."""
-        self.events: list[Event] = []
+        self._events: list[Event] = []
         self._frames: list[float] = []
         self._seen: list[tuple[float, Body]] = []
         self._size = (0, 0)
+
+    def __call__(self, event: Event) -> None:
+        """Keep what was told."""
+        self._events.append(event)
 
     def add(self, now: float, stream: Stream) -> None:
         """Keep the body in the last frame."""
@@ -44,7 +45,7 @@ class Film:
         """What is told of the events at a time, seconds."""
         return [
             f"✓ {event.counted} {event.confidence:.2f}"
-            for event in self.events
+            for event in self._events
             if event.start <= now <= max(event.end, event.start + _LEAST_SECONDS)
         ]
 

@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,7 +109,7 @@ class Recorder:
             raise UsageError(f"{folder}: cannot be made: {error.strerror}.") from error
         self._folder, self.threshold, self._source = folder, threshold, source
         self._seen: tuple[Clip, float] | None = None
-        self._near: tuple[Candidate, Clip, float] | None = None
+        self._near: tuple[Candidate, tuple[Clip, float] | None] | None = None
         self._quiet = 0
         self._event_end = float("-inf")
 
@@ -140,17 +140,15 @@ class Recorder:
         if busy:
             self._near = None
             return
-        best = ranking[0] if ranking else None
-        near = (
+        best = ranking[0] if ranking and clip is not None else None
+        if (
             best is not None
-            and clip is not None
             and best.start >= self._event_end
             and abs(best.confidence - self.threshold.of(best.label)) <= NEAR
-        )
-        if best is not None and clip is not None and near:
+        ):
             self._quiet = 0
             if self._near is None or best.confidence > self._near[0].confidence:
-                self._near = best, clip, now
+                self._near = best, self._seen
         elif self._near is not None:
             self._quiet += 1
             if self._quiet >= _LOOKS_TO_END:
@@ -168,39 +166,36 @@ class Recorder:
 
     def _keep_event(self, event: Event) -> None:
         self._event_end, self._near = event.end, None
-        if self._seen is not None:
-            clip, now = self._seen
-            part = part_of(clip, now, event.start, event.end)
-            self._keep(part, event.label, event.confidence, True, event.start, event.end)
+        self._keep(event, self._seen, event.end)
 
     def _keep_near(self) -> None:
         if self._near is not None:
-            (best, clip, now), self._near = self._near, None
-            part = part_of(clip, now, best.start, now)
-            self._keep(part, best.label, best.confidence, False, best.start, now)
+            (best, seen), self._near = self._near, None
+            self._keep(best, seen)
 
     def _keep(
-        self,
-        clip: Clip | None,
-        label: str,
-        confidence: float,
-        event: bool,
-        start: float,
-        end: float,
+        self, found: Event | Candidate, seen: tuple[Clip, float] | None, end: float | None = None
     ) -> None:
-        if clip is None:
+        """Write what was seen of an event until its end, or of a near miss until then."""
+        part = seen and part_of(*seen, found.start, seen[1] if end is None else end)
+        if seen is None or part is None:
             return
         from actioncli.clips.write import write_clip
 
-        file = self._new_file(re.sub(r"[^\w-]+", "_", label)[:40])
-        tau = self.threshold.of(label)
-        kept = Kept(file, label, confidence, tau, event, start, end, self._source)
-        description = {key: value for key, value in kept.to_json().items() if key != "file"}
-        text = json.dumps(description, indent=1)
+        file = self._new_file(re.sub(r"[^\w-]+", "_", found.label)[:40])
+        description = {
+            "label": found.label,
+            "confidence": found.confidence,
+            "tau": self.threshold.of(found.label),
+            "event": end is not None,
+            "start": found.start,
+            "end": seen[1] if end is None else end,
+            "source": self._source,
+        }
         try:
-            write_clip(file, clip, private=True)
-            with replacing(file.with_suffix(".json"), private=True) as part:
-                part.write_text(f"{text}\n", encoding="utf-8")
+            write_clip(file, part, private=True)
+            with replacing(file.with_suffix(".json"), private=True) as text:
+                text.write_text(f"{json.dumps(description, indent=1)}\n", encoding="utf-8")
         except BaseException as error:
             file.unlink(missing_ok=True)
             if isinstance(error, OSError):
@@ -278,12 +273,11 @@ def _in_order(file: Path) -> tuple[int, str]:
 def part_of(clip: Clip, now: float, start: float, end: float) -> Clip | None:
     """What the stream showed from `start` to `end`, as far as `clip`, which ends at `now`, goes
     back; None where nothing moved."""
-    from actioncli.clips.clip import Clip
+    from actioncli.clips.edit import cut
 
-    last = len(clip) - 1 - max(round((now - end) * clip.fps), 0)
-    first = max(len(clip) - 1 - round((now - start) * clip.fps), 0)
-    seen = None if clip.confidence is None else clip.confidence[first : last + 1]
+    before = now - clip.duration
     try:
-        return Clip(clip.joints[first : last + 1], clip.joint_names, clip.fps, seen)
+        part = cut(clip, max(start - before, 0.0), end - before)
     except ClipError:
         return None
+    return replace(part, source="", notes=(), start=0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from abc import abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 
 from actioncli.errors import UsageError
@@ -16,16 +16,18 @@ from actioncli.live.reactions import Reaction
 class Timeline(Reaction):
     """A file that grows by an event at a time."""
 
-    head = ""
-
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, text: Callable[[Event, int], str], head: str = "") -> None:
         """Begin the file, in place of one that stands there.
+
+        Args:
+            text: what stands in the file of the event with a number, from 1.
+            head: what stands before them.
 
         Raises:
             UsageError: it cannot be written.
         """
-        self._file, self._count = file, 0
-        self._write(self.head, "w")
+        self._file, self._text, self._count = file, text, 0
+        self._write(head, "w")
 
     def __call__(self, event: Event) -> None:
         """Add it.
@@ -34,11 +36,7 @@ class Timeline(Reaction):
             UsageError: the file cannot be written.
         """
         self._count += 1
-        self._write(self.text(event, self._count), "a")
-
-    @abstractmethod
-    def text(self, event: Event, number: int) -> str:
-        """What stands in the file of the event with this number, from 1."""
+        self._write(self._text(event, self._count), "a")
 
     def _write(self, text: str, mode: str) -> None:
         try:
@@ -48,27 +46,27 @@ class Timeline(Reaction):
             raise UsageError(f"{self._file}: cannot be written: {error.strerror}.") from error
 
 
-class Table(Timeline):
-    """Comma-separated values, a row an event."""
+def table(file: Path) -> Timeline:
+    """Comma-separated values, a row an event, with seconds to the hundredth."""
 
-    head = "label,start,end,confidence,repetitions\r\n"
-
-    def text(self, event: Event, number: int) -> str:
-        """A row, with seconds to the hundredth."""
+    def text(event: Event, number: int) -> str:
         row = io.StringIO()
         times = (f"{event.start:.2f}", f"{event.end:.2f}")
         columns = (csv_cell(event.label), *times, f"{event.confidence:.3f}", event.repetitions)
         csv.writer(row).writerow(columns)
         return row.getvalue()
 
+    return Timeline(file, text, "label,start,end,confidence,repetitions\r\n")
 
-class Subtitles(Timeline):
+
+def subtitles(file: Path) -> Timeline:
     """SubRip, which players show over the video."""
 
-    def text(self, event: Event, number: int) -> str:
-        """A subtitle from the event's start to its end."""
+    def text(event: Event, number: int) -> str:
         span = f"{_clock(event.start)} --> {_clock(event.end)}"
         return f"{number}\r\n{span}\r\n{event.counted} ({event.confidence:.2f})\r\n\r\n"
+
+    return Timeline(file, text)
 
 
 def _clock(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -52,6 +53,7 @@ class Stream(Protocol):
         Raises:
             ClipError: there was nothing to watch.
         """
+        return None
 
     def close(self) -> None:
         """Let go of the camera or the file."""
@@ -100,17 +102,13 @@ def watch(
     enrolled = follow()
     enrolled.require_actions()
     detector = EventDetector(enrolled if tau is None else enrolled.with_tau(tau), facing)
-    stream = open_stream(source, max(detector.windows) + 1, quality, hands, retry, note)
-    sets = Sets()
-    looked, frames, seen, now = -STRIDE, 0, 0, 0.0
+    stream = open_stream(source, detector, quality, hands, retry, note)
+    sets, now = Sets(), 0.0
     lost: ClipError | None = None
     with closing(stream):
         try:
-            for now in stream.times():
-                frames += 1
-                seen += stream.seen
-                if now - looked >= STRIDE:
-                    looked = now
+            for now, look in frames_of(stream, detector, note):
+                if look:
                     if (changed := follow()) is not enrolled:
                         enrolled = changed
                         current = enrolled if tau is None else enrolled.with_tau(tau)
@@ -127,9 +125,6 @@ def watch(
                         recorder.update(clip, now, detector.ranking, over, busy)
                 if on_frame is not None:
                     on_frame(now, stream, detector)
-            for line in ending(stream, frames, seen, now, min(detector.windows)):
-                if note is not None:
-                    note(line)
         except KeyboardInterrupt:
             pass
         except ClipError as error:
@@ -157,17 +152,18 @@ def events_in(clip: Clip, support: SupportSet) -> list[Event]:
 
 def open_stream(
     source: int | str | Path | Clip,
-    seconds: float,
+    detector: EventDetector,
     quality: str = DEFAULT_QUALITY,
     hands: bool | None = None,
     retry: float = RETRY_SECONDS,
     note: Callable[[str], None] | None = None,
 ) -> Stream:
-    """A source, of which so many seconds are remembered; the rest is as in `watch`.
+    """A source, of which so much is remembered as the detector looks at; the rest is as in `watch`.
 
     Raises:
         ClipError, UsageError: as `watch`.
     """
+    seconds = max(detector.windows) + 1
     if isinstance(source, Clip):
         return _ClipStream(source, seconds)
     from actioncli.live.stream import VideoStream
@@ -175,31 +171,38 @@ def open_stream(
     return VideoStream(source, quality, seconds, hands, retry, note or (lambda line: None))
 
 
-def ending(stream: Stream, frames: int, seen: int, now: float, shortest: float) -> Iterator[str]:
-    """What is to be said of a stream that is over.
+def frames_of(
+    stream: Stream, detector: EventDetector, note: Callable[[str], None] | None = None
+) -> Iterator[tuple[float, bool]]:
+    """Seconds of each frame, and whether it is time to look at the stream.
 
     Args:
-        stream: which.
-        frames, seen: how many there were, and in how many somebody was seen.
-        now: its last second.
-        shortest: seconds of the shortest window.
+        note: hears at the end what is to be said of a stream that is over.
 
     Raises:
-        ClipError: there was nothing to watch.
+        ClipError: the stream is lost, or there was nothing to watch.
     """
-    lacking = stream.end(frames)
-    if lacking is not None:
-        yield lacking
+    looked, frames, seen, now = -math.inf, 0, 0, 0.0
+    for now in stream.times():
+        frames += 1
+        seen += stream.seen
+        look = now - looked >= STRIDE
+        looked = now if look else looked
+        yield now, look
+    lines = [stream.end(frames)]
     if not seen:
-        yield f"nobody was seen in any of {frames} frames"
-    if frames and now < shortest:
-        yield (
+        lines.append(f"nobody was seen in any of {frames} frames")
+    if frames and now < (shortest := min(detector.windows)):
+        lines.append(
             f"{now:.1f} s are less than the {shortest:.1f} s that the quickest performance would "
             "take"
         )
+    for line in lines:
+        if note is not None and line is not None:
+            note(line)
 
 
-class _ClipStream:
+class _ClipStream(Stream):
     """A recorded clip, frame by frame; see `Stream`."""
 
     seen = True
@@ -228,10 +231,3 @@ class _ClipStream:
     def state(self, now: float) -> str:
         """How much is left."""
         return f"{self._clip.duration - now:.0f} s left"
-
-    def end(self, frames: int) -> str | None:
-        """Nothing."""
-        return None
-
-    def close(self) -> None:
-        """Nothing to do."""

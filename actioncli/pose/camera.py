@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 
 from actioncli.errors import ClipError, UsageError
+from actioncli.files import listed_cameras
 from actioncli.pose import RETRY_SECONDS, without_password
 from actioncli.pose.frames import (
     OPENING,
@@ -44,7 +44,7 @@ _LAST_FRAME = 1.0
 
 def is_device(path: Path) -> bool:
     """Whether a path is a camera's: one that is not there, or no more, is no file either."""
-    return path.is_char_device() or path.parts[:2] == ("/", "dev")
+    return path.is_char_device() or (path.parts[:2] == ("/", "dev") and not path.is_file())
 
 
 def open_source(
@@ -81,16 +81,10 @@ def open_source(
 
 def cameras() -> list[tuple[int, str]]:
     """The cameras of this machine that may give pictures: number and name."""
-    if sys.platform != "linux":
+    listed = listed_cameras()
+    if listed is None:
         return [(number, f"camera {number}") for number in range(_TRIED) if _opens(number)]
-    found = []
-    for entry in Path("/sys/class/video4linux").glob("video*"):
-        # A camera's other devices tell about its pictures and give none.
-        with contextlib.suppress(OSError, ValueError):
-            if int((entry / "index").read_text()) == 0:
-                name = (entry / "name").read_text(errors="replace").strip()
-                found.append((int(entry.name.removeprefix("video")), name))
-    return sorted(found)
+    return listed
 
 
 def _opens(number: int) -> bool:

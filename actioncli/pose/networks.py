@@ -10,7 +10,7 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
-from actioncli.files import weights_file
+from actioncli.files import own_cores, weights_file
 
 # From 1.29 on, ONNX Runtime sends Microsoft what computer this is and which networks run on it, and
 # keeps an identifier for that. It reads this once, when it is loaded.
@@ -102,10 +102,7 @@ def shipped_checksum(name: str) -> str:
 def usable_cores() -> int:
     """Processor cores this process may run on, and is to use: `OMP_NUM_THREADS` says so to all that
     computes, and Ray sets it for its workers."""
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:
-        cores = os.cpu_count() or 1
+    cores = len(own_cores())
     told = os.environ.get("OMP_NUM_THREADS", "")
     return min(cores, int(told)) if told.isdecimal() and int(told) else cores
 

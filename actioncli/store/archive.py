@@ -17,16 +17,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from actioncli.errors import ActionCliError, ClipError, StoreError
-from actioncli.files import replacing
+from actioncli.files import replacing, sync_folder
 from actioncli.store.faults import system_fault
-from actioncli.store.location import sync_folder
 from actioncli.store.record import Record, check_outline, find_flaw
 
 FORMAT = "actioncli support set"
@@ -39,37 +38,32 @@ LARGEST_ARCHIVE = 4 * 2**30
 LARGEST_SETTING = 2**18
 _NO_EXPORT = "this is no export of a support set, or it is damaged."
 
-_FIELDS: dict[str, type] = {
-    "label": str,
-    "negative": bool,
-    "source": str,
-    "note": str,
-    "added": str,
-    "fps": float,
-    "frames": int,
-    "joint_names": list,
-    "confidence": bool,
-    "checksum": str,
-}
+# What the manifest says of an example, in this order.
+_FIELDS = (
+    "label", "negative", "source", "note", "added", "fps", "frames", "joint_names", "confidence",
+    "checksum",
+)  # fmt: skip
 
 
 def write_archive(
     path: Path,
-    outlines: Sequence[Record],
-    records: Iterable[Record],
+    records: Callable[[], Iterable[Record]],
     settings: Mapping[str, str] | None = None,
 ) -> None:
     """Write an archive; the file appears whole or not at all, readable by its owner only.
 
     Args:
         path: the file; an archive that is there already is replaced, anything else is not.
-        outlines: the examples in order; of their bytes only whether there is a confidence counts.
-        records: the same examples with their bytes, taken one at a time.
+        records: gives the examples in order: once for the header, once for their bytes.
         settings: what goes with them, name to value.
 
     Raises:
         StoreError: not writable, too large, or something else of that name is there.
     """
+    # An example at a time is in memory: of the others there is no recording.
+    outlines = [
+        replace(record, joints=b"", confidence=record.confidence and b"") for record in records()
+    ]
     header = _compact(_header(outlines, settings)).encode()
     header += b" " * (-len(header) % 8)
     size = 8 + len(header) + _content_size(outlines)
@@ -83,7 +77,7 @@ def write_archive(
             raise StoreError(f"{path} is there already and is no export; choose another name.")
         with replacing(path, private=True) as part, part.open("wb") as file:
             file.write(len(header).to_bytes(8, "little") + header)
-            for record in records:
+            for record in records():
                 file.write(record.joints)
                 file.write(record.confidence or b"")
             file.flush()
@@ -204,17 +198,14 @@ def _parse(text: str | bytes) -> Any:
 
 def _outline(fields: Any) -> Record:
     """One line of the manifest, its types and sizes checked, as a record without bytes."""
-    if not isinstance(fields, dict) or fields.keys() != _FIELDS.keys():
-        raise _RefusedError("an example has other fields than it should.")
-    for name, kind in _FIELDS.items():
-        if type(fields[name]) is not kind:
-            raise _RefusedError(f"the {name} of an example is of another type than it should.")
-    names = fields["joint_names"]
-    if not names or not all(isinstance(name, str) for name in names) or fields["frames"] < 2:
-        raise _RefusedError("the joint names or frames of an example make no clip.")
-    check_outline(fields["frames"], names, "")
-    bytes_ = {"joints": b"", "confidence": b"" if fields["confidence"] else None}
-    return Record(**{**fields, **bytes_, "joint_names": tuple(names)})
+    try:
+        bytes_ = {"joints": b"", "confidence": b"" if fields["confidence"] else None}
+        outline = Record(**{**fields, **bytes_, "joint_names": tuple(fields["joint_names"])})
+        outline.check_types()
+    except (TypeError, KeyError) as error:
+        raise _RefusedError("an example has other fields than it should.") from error
+    check_outline(outline.frames, outline.joint_names, "")
+    return outline
 
 
 def _tensors(outline: Record) -> list[tuple[str, list[int], int]]:

@@ -17,9 +17,10 @@ from functools import cache
 from pathlib import Path
 
 from actioncli.errors import StoreError
+from actioncli.files import sync_folder
 from actioncli.store.database import connected, writing
 from actioncli.store.health import damage
-from actioncli.store.location import beside, exists, sync_folder
+from actioncli.store.location import beside, exists
 from actioncli.store.names import plain_text
 
 # Seconds; a copy of ten thousand examples takes some.
@@ -118,8 +119,7 @@ def make_backup(path: Path) -> bool:
             alone.execute("BEGIN IMMEDIATE")
             try:
                 part.unlink(missing_ok=True)
-                flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
-                os.close(os.open(part, flags, 0o600))
+                part.touch(0o600, exist_ok=False)
                 with closing(sqlite3.connect(part)) as copy:
                     # An unfinished copy is of no use to anybody: no journal, one sync.
                     copy.execute("PRAGMA journal_mode = OFF")

@@ -54,8 +54,6 @@ class Snapshot:
 def read_snapshot(path: Path, weights: str, settings: Collection[str]) -> Snapshot:
     """See `SupportStore.snapshot`."""
     with reading(path) as db:
-        if db is None:
-            return Snapshot((), {}, {}, {})
         examples = list_examples(db)
         embeddings = _read_embeddings(db, weights)
         records = {

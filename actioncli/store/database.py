@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from actioncli.errors import StoreError
@@ -44,34 +44,33 @@ _PRAGMAS = (
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[sqlite3.Connection | None]:
-    """One consistent view of the store; None where there is no store yet. Creates nothing.
+def reading(path: Path) -> Iterator[sqlite3.Connection]:
+    """One consistent view of the store, or of an empty one where there is none. Creates nothing.
 
     Raises:
         StoreError: the file cannot be opened or read as a store.
     """
-    if not exists(path):
-        yield None
-        return
-    with connected(path) as db:
-        db.execute("BEGIN")
-        version = migrations.schema_version(db, path)
-        if not 0 < version < len(migrations.MIGRATIONS):
-            yield db if version else None
-            return
-        db.execute("ROLLBACK")
-        with suppress(StoreError):
-            with writing(path):
-                pass  # the first release to read an old store gives it today's schema
+    latest = len(migrations.MIGRATIONS)
+    with connected(path) if exists(path) else nullcontext() as db:
+        version = 0
+        if db:
             db.execute("BEGIN")
-            version = 0
-        if not version:
+            version = migrations.schema_version(db, path)
+        if db and 0 < version < latest:
+            db.execute("ROLLBACK")
+            with suppress(StoreError):
+                with writing(path):
+                    pass  # the first release to read an old store gives it today's schema
+                db.execute("BEGIN")
+                version = latest
+        if db and version == latest:
             yield db
             return
-        # It cannot be written (a read-only folder, a full disk): what reads it sees a copy.
+        # Nothing is there, or it cannot be written (a read-only folder, a full disk).
         with closing(sqlite3.connect(":memory:", isolation_level=None)) as copy:
-            db.backup(copy)
-            migrations.migrate(copy, path)
+            if db and version:
+                db.backup(copy)
+            migrations.migrate(copy, version)
             yield copy
 
 
@@ -97,7 +96,7 @@ def writing(path: Path) -> Iterator[sqlite3.Connection]:
             # While this waited for the lock, a repair may have put another file in its place.
             if _file(path) != file:
                 continue
-            migrations.migrate(db, path)
+            migrations.migrate(db, migrations.schema_version(db, path))
             yield db
             try:
                 db.execute("COMMIT")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,16 +108,16 @@ def holds_negatives(db: sqlite3.Connection, label: str) -> bool | None:
     return bool(row[0]) if row else None
 
 
-def stored_label(db: sqlite3.Connection | None, label: str) -> str:
+def stored_label(db: sqlite3.Connection, label: str) -> str:
     """The label as it is stored.
 
     Raises:
         SupportError: it is not enrolled.
     """
     label = check_label(label)
-    if db is None or holds_negatives(db, label) is None:
+    if holds_negatives(db, label) is None:
         query = "SELECT DISTINCT label FROM examples ORDER BY label"
-        enrolled = [f"`{row[0]}`" for row in (db.execute(query).fetchall() if db else ())]
+        enrolled = [f"`{row[0]}`" for row in db.execute(query).fetchall()]
         listed = ", ".join(enrolled[:10]) + (", ..." if len(enrolled) > 10 else "")
         raise SupportError(
             f"`{label}` is not enrolled; "
@@ -141,18 +142,16 @@ def require_label(label: object) -> None:
     raise sqlite3.DatabaseError(f"the label {str(label)[:100]!a} is none that is allowed")
 
 
-def read_outlines(db: sqlite3.Connection, path: Path) -> dict[int, Record]:
-    """All examples by identifier, with empty bytes in place of joints and confidence."""
-    from actioncli.store.record import OUTLINE, Record
+def read_records(
+    db: sqlite3.Connection, path: Path, where: str = "TRUE"
+) -> Iterator[tuple[int, Record]]:
+    """The examples for which an SQL term is true, in the order of enrolment, one at a time.
 
-    query = f"SELECT id, {OUTLINE}, x'', substr(confidence, 1, 0) FROM examples ORDER BY id"
-    outlines = {}
-    for example, *row in db.execute(query).fetchall():
-        try:
-            outlines[example] = Record.from_row(row)
-        except (TypeError, ValueError) as error:
-            raise damaged(path, example, row[0]) from error
-    return outlines
+    Raises:
+        StoreError: one is not what was enrolled.
+    """
+    for (example,) in db.execute(f"SELECT id FROM examples WHERE {where} ORDER BY id").fetchall():
+        yield example, read_record(db, path, example)
 
 
 def read_record(db: sqlite3.Connection, path: Path, example: int) -> Record:
@@ -185,16 +184,13 @@ def rename_examples(db: sqlite3.Connection, path: Path, old: str, new: str) -> i
     """
     from actioncli.store.record import seal
 
-    changed = []
-    for example, sealed, *rest in db.execute(
-        "SELECT id, seal, negative, source, note, added, checksum FROM examples WHERE label = ?",
-        (old,),
-    ):
-        if seal(example, old, *rest) != sealed:
-            raise damaged(path, example, old)
-        changed.append((new, seal(example, new, *rest), example))
-    db.executemany("UPDATE examples SET label = ?, seal = ? WHERE id = ?", changed)
-    return len(changed)
+    db.create_function("seal", 7, seal)
+    sealed = "seal(id, ?1, negative, source, note, added, checksum)"
+    query = f"SELECT id FROM examples WHERE label = ?1 AND seal != {sealed}"
+    for (example,) in db.execute(query, (old,)):
+        raise damaged(path, example, old)
+    query = f"UPDATE examples SET label = ?1, seal = {sealed} WHERE label = ?2"
+    return db.execute(query, (new, old)).rowcount
 
 
 def damaged(path: Path, example: int, label: object) -> StoreError:

@@ -10,17 +10,7 @@ from actioncli.errors import StoreError
 from actioncli.store.cache import damaged_embeddings
 from actioncli.store.database import reading
 from actioncli.store.examples import read_record
-from actioncli.store.location import exists, exposure
 from actioncli.store.settings import damaged_setting, intact_setting
-
-
-def problems(path: Path) -> list[str]:
-    """What is wrong with a store and with who may read it, a line for each problem."""
-    try:
-        found = exposure(path) if exists(path) else []
-    except StoreError as error:
-        return [str(error)]
-    return found + damage(path)
 
 
 def damage(path: Path) -> list[str]:
@@ -28,8 +18,7 @@ def damage(path: Path) -> list[str]:
     found: list[str] = []
     try:
         with reading(path) as db:
-            if db is not None:
-                found.extend(_damage(db, path))
+            found.extend(_damage(db, path))
     except StoreError as error:
         found.append(str(error))
     return found

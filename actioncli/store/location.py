@@ -12,7 +12,15 @@ import zlib
 from pathlib import Path
 
 from actioncli.errors import StoreError
-from actioncli.files import HOME_VARIABLE, NoHomeError, user_folder, user_settings
+from actioncli.files import (
+    HOME_VARIABLE,
+    NoHomeError,
+    is_mine,
+    rights_of_others,
+    sync_folder,
+    user_folder,
+    user_settings,
+)
 from actioncli.store.faults import system_fault
 
 FILE_NAME = "support.db"
@@ -78,15 +86,17 @@ def prepare(path: Path) -> None:
     try:
         if not exists(path):
             _check_length(path)
-            _make_folder(folder)
+            made = [each for each in (folder, *folder.parents) if not each.is_dir()]
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            for each in made:
+                sync_folder(each.parent)
             if _ours(folder) and not any(folder.iterdir()):
                 folder.chmod(0o700)
-            flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
             try:
-                os.close(os.open(path, flags, 0o600))
+                path.touch(0o600, exist_ok=False)
             except FileExistsError:
                 exists(path)  # another process was faster, which is well; a link is not
-        elif open_to_others(path) and _ours(path):
+        elif rights_of_others(path) and _ours(path):
             path.chmod(0o600)
     except (OSError, ValueError) as error:
         raise _unusable(path, error) from error
@@ -105,24 +115,6 @@ def beside(path: Path, suffix: str) -> Path:
     return path.with_name(f"{cut}~{zlib.crc32(name):08x}{suffix}")
 
 
-def sync_folder(folder: Path) -> None:
-    """What was created, renamed or deleted in a folder survives a power loss from now on."""
-    if os.name != "posix":
-        return  # elsewhere folders cannot be opened, and the system sees to it
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _make_folder(folder: Path) -> None:
-    made = [each for each in (folder, *folder.parents) if not each.is_dir()]
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    for each in made:
-        sync_folder(each.parent)
-
-
 def _check_length(path: Path) -> None:
     """Refuse a name that leaves no room for that of the journal beside it."""
     for what, name, most in (
@@ -136,24 +128,18 @@ def _check_length(path: Path) -> None:
             )
 
 
-def open_to_others(path: Path) -> bool:
-    """Whether group or others may read or write the file; False where modes mean nothing."""
-    return os.name == "posix" and bool(path.lstat().st_mode & 0o077)
-
-
 def exposure(path: Path) -> list[str]:
     """Who else could read or exchange a store that is there, a line for each way."""
-    found = [f"{path} is open to other users: chmod 600 it."] if open_to_others(path) else []
-    mode = path.parent.stat().st_mode
-    if os.name == "posix" and mode & 0o022 and not mode & stat.S_ISVTX:
+    found = [f"{path} is open to other users: chmod 600 it."] if rights_of_others(path) else []
+    folder = path.parent
+    if rights_of_others(folder) & 0o022 and not folder.stat().st_mode & stat.S_ISVTX:
         found.append(f"Other users may replace {path}: chmod 700 its folder.")
     return found
 
 
 def _ours(path: Path) -> bool:
     status = path.lstat()
-    mine = hasattr(os, "geteuid") and status.st_uid == os.geteuid()
-    return mine and not status.st_mode & stat.S_ISVTX
+    return is_mine(status) and not status.st_mode & stat.S_ISVTX
 
 
 def _unusable(path: Path, error: OSError | ValueError) -> StoreError:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import sqlite3
 import zlib
+from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -22,22 +22,13 @@ APPLICATION_ID = int.from_bytes(b"ACLI")
 _SMALLEST = 512
 
 
-@dataclass(frozen=True)
-class Migration:
-    """One change of the schema: its name, and its statements in order."""
-
-    name: str
-    statements: tuple[str, ...]
-
-
-MIGRATIONS: tuple[Migration, ...] = (
-    Migration(
-        "examples, cached embeddings, settings",
-        (
-            # Identifiers are never given twice (AUTOINCREMENT): an embedding that was computed
-            # for a removed example cannot be filed under a new one.
-            # The index holds `negative` so that the integrity check covers it.
-            """
+# The statements of each change.
+MIGRATIONS: tuple[tuple[str, ...], ...] = (
+    (
+        # Identifiers are never given twice (AUTOINCREMENT): an embedding that was computed
+        # for a removed example cannot be filed under a new one.
+        # The index holds `negative` so that the integrity check covers it.
+        """
             CREATE TABLE examples (
                 id INTEGER PRIMARY KEY AUTOINCREMENT,
                 label TEXT NOT NULL CHECK (length(label) BETWEEN 1 AND 100),
@@ -55,7 +46,7 @@ MIGRATIONS: tuple[Migration, ...] = (
                 UNIQUE (label, negative, checksum)
             )
             """,
-            """
+        """
             CREATE TABLE embeddings (
                 example INTEGER NOT NULL REFERENCES examples (id) ON DELETE CASCADE,
                 weights TEXT NOT NULL,
@@ -66,24 +57,19 @@ MIGRATIONS: tuple[Migration, ...] = (
                 PRIMARY KEY (example, weights)
             )
             """,
-            "CREATE TABLE settings (name TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL)",
-        ),
+        "CREATE TABLE settings (name TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL)",
     ),
-    Migration(
-        "seals, so that a flipped bit is noticed in a label as it is in a recording",
-        (
-            "ALTER TABLE examples ADD COLUMN seal INTEGER NOT NULL DEFAULT 0",
-            "UPDATE examples SET seal = seal(id, label, negative, source, note, added, checksum)",
-            "ALTER TABLE settings ADD COLUMN crc INTEGER NOT NULL DEFAULT 0",
-            "UPDATE settings SET crc = setting_crc(name, value)",
-            # Their checksums cover the label from now on.
-            "DELETE FROM embeddings",
-        ),
+    # Seals, so that a flipped bit is noticed in a label as it is in a recording.
+    (
+        "ALTER TABLE examples ADD COLUMN seal INTEGER NOT NULL DEFAULT 0",
+        "UPDATE examples SET seal = seal(id, label, negative, source, note, added, checksum)",
+        "ALTER TABLE settings ADD COLUMN crc INTEGER NOT NULL DEFAULT 0",
+        "UPDATE settings SET crc = setting_crc(name, value)",
+        # Their checksums cover the label from now on.
+        "DELETE FROM embeddings",
     ),
 )
 
-# What their statements call, with the number of arguments.
-_FUNCTIONS = {"seal": 7, "setting_crc": 2}
 _OBJECTS = "SELECT type, name, tbl_name, sql FROM sqlite_master"
 
 
@@ -122,23 +108,17 @@ def schema_version(db: sqlite3.Connection, path: Path) -> int:
             f"{path} was written by a newer release (schema {version}, this one knows "
             f"{len(MIGRATIONS)}). Update actioncli, or name another file with --store."
         )
-    if not _as_made(db, int(version)):
+    # SQLite adds statistics when somebody asks it to ANALYZE. A flipped bit makes bytes of a name.
+    if _made(version) != {
+        row
+        for row in db.execute(_OBJECTS)
+        if row[0] != "table" or not str(row[1]).startswith("sqlite_stat")
+    }:
         raise StoreError(
             f"{path}: its tables are not as actioncli makes them, so it was changed by another "
             "program, or on purpose. `actioncli doctor --repair` takes over what is whole in it."
         )
     return int(version)
-
-
-def _as_made(db: sqlite3.Connection, version: int) -> bool:
-    """Whether a database holds what the migrations make, and nothing that could run or never end,
-    as a trigger or a view of somebody else's."""
-    # SQLite adds statistics when somebody asks it to ANALYZE. A flipped bit makes bytes of a name.
-    return _made(version) == {
-        row
-        for row in _objects(db)
-        if row[0] != "table" or not str(row[1]).startswith("sqlite_stat")
-    }
 
 
 def is_as_made(db: sqlite3.Connection, table: str, version: int) -> bool:
@@ -154,37 +134,34 @@ def is_as_made(db: sqlite3.Connection, table: str, version: int) -> bool:
 def _made(version: int) -> set[tuple[str, str, str, str | None]]:
     with closing(sqlite3.connect(":memory:")) as db:
         # There are no rows, so that nothing is ever sealed.
-        for name, arguments in _FUNCTIONS.items():
-            db.create_function(name, arguments, lambda *_: 0)
-        for migration in MIGRATIONS[:version]:
-            for statement in migration.statements:
-                db.execute(statement)
-        return _objects(db)
+        _run(db, MIGRATIONS[:version], lambda *_: 0)
+        return set(db.execute(_OBJECTS))
 
 
-def _objects(db: sqlite3.Connection) -> set[tuple[str, str, str, str | None]]:
-    return set(db.execute(_OBJECTS))
-
-
-def migrate(db: sqlite3.Connection, path: Path) -> None:
-    """Bring the schema up to date, inside the caller's write transaction.
+def migrate(db: sqlite3.Connection, version: int) -> None:
+    """Bring a schema of this version up to date, inside the caller's write transaction.
 
     Raises:
-        StoreError: as `schema_version`.
         sqlite3.DatabaseError: an older store is damaged; nothing is built on that.
     """
-    from actioncli.store.record import seal
-
-    version = schema_version(db, path)
     if version == len(MIGRATIONS):
         return
+    from actioncli.store.record import seal
+
     (found,) = db.execute("PRAGMA integrity_check(1)").fetchone() if version else ("ok",)
     if found != "ok":
         raise sqlite3.DatabaseError(found)
-    db.create_function("seal", _FUNCTIONS["seal"], seal)
-    db.create_function("setting_crc", _FUNCTIONS["setting_crc"], setting_crc)
-    for migration in MIGRATIONS[version:]:
-        for statement in migration.statements:
-            db.execute(statement)
+    _run(db, MIGRATIONS[version:], seal)
     db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     db.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")
+
+
+def _run(
+    db: sqlite3.Connection, migrations: tuple[tuple[str, ...], ...], seal: Callable[..., int]
+) -> None:
+    # What their statements call.
+    db.create_function("seal", 7, seal)
+    db.create_function("setting_crc", 2, setting_crc)
+    for migration in migrations:
+        for statement in migration:
+            db.execute(statement)

@@ -9,7 +9,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -76,24 +76,34 @@ class Record:
         Raises:
             ValueError, TypeError: the row is damaged.
         """
-        label, negative, source, note, added, fps, frames, names, checksum, joints, weights = row
+        label, negative, source, note, added, fps, frames, names, *content = row
         if len(names) > _LONGEST_NAMES:
             raise ValueError("joint names are too long")
         try:
-            named = json.loads(names)
+            named = tuple(json.loads(names))
         except RecursionError as error:
             raise ValueError("joint names are nested") from error
-        texts = (label, source, note, added, checksum)
-        if not (
-            isinstance(named, list)
-            and isinstance(frames, int)
-            and all(isinstance(text, str) for text in (*texts, *named))
+        record = cls(
+            label, bool(negative), source, note, added, float(fps), frames, named, *content
+        )
+        record.check_types()
+        return record
+
+    def check_types(self) -> None:
+        """Look at what came from a file; the bytes are for `intact`.
+
+        Raises:
+            TypeError: a value is of another type than it should, or there is no movement.
+        """
+        texts = (self.label, self.source, self.note, self.added, self.checksum, *self.joint_names)
+        others = {bool: self.negative, float: self.fps, int: self.frames}
+        if (
+            not all(isinstance(text, str) for text in texts)
+            or any(type(value) is not kind for kind, value in others.items())
+            or self.frames < 2
+            or not self.joint_names
         ):
-            raise TypeError("a column is of another type")
-        return cls(
-            label, bool(negative), source, note, added, float(fps), frames, tuple(named), checksum,
-            joints, weights,
-        )  # fmt: skip
+            raise TypeError("a value is of another type than it should")
 
     def row(self) -> tuple[Any, ...]:
         """The values of the columns `COLUMNS`."""
@@ -137,9 +147,8 @@ class Record:
         return Clip(joints, self.joint_names, self.fps, confidence, self.source)
 
 
-# The columns of the table `examples` that make a record: without its bytes, and with them.
-OUTLINE = "label, negative, source, note, added, fps, frames, joint_names, checksum"
-COLUMNS = f"{OUTLINE}, joints, confidence"
+# The columns of the table `examples` that make a record.
+COLUMNS = ", ".join(field.name for field in fields(Record))
 
 
 def seal(

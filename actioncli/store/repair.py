@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-import sys
 import tempfile
 import time
 import zlib
@@ -22,14 +21,14 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from actioncli.errors import ActionCliError, StoreError
+from actioncli.files import lock_bytes, replace_open, sync_folder
 from actioncli.store.backup import backup_path, is_lost, make_backup
 from actioncli.store.database import LONGEST_ROW, writing
-from actioncli.store.examples import insert_as, read_record
+from actioncli.store.examples import insert_as, read_record, require_label
 from actioncli.store.faults import system_fault
 from actioncli.store.health import damage
-from actioncli.store.location import beside, exists, prepare, sync_folder
+from actioncli.store.location import beside, exists, prepare
 from actioncli.store.migrations import MIGRATIONS, is_as_made
-from actioncli.store.names import check_label
 from actioncli.store.record import COLUMNS, Record, find_flaw
 from actioncli.store.settings import intact_setting, put_setting
 
@@ -122,9 +121,7 @@ def repair(path: Path) -> Repair | None:
                 os.fsync(file.fileno())
                 journal.unlink()
                 sync_folder(path.parent)
-            if os.name == "nt":
-                file.close()
-            whole.replace(path)
+            replace_open(whole, path, file)
             sync_folder(path.parent)
     except OSError as error:
         raise system_fault(path, error, "cannot be repaired") from error
@@ -254,23 +251,16 @@ class _Readable:
         """Settings by name; None for one that is damaged."""
         names, _ = self._rows("SELECT name FROM settings ORDER BY name")
         rows, _ = self._rows("SELECT name, value, crc FROM settings NOT INDEXED")
-        found = dict.fromkeys(
-            name for (name,) in names if isinstance(name, str) and name.isprintable()
-        )
-        return found | {
-            name: value for name, value, crc in rows if intact_setting(name, value, crc)
-        }
+        texts = [name for (name,) in names if isinstance(name, str) and name.isprintable()]
+        found = dict[str, str | None].fromkeys(texts)
+        return found | {row[0]: row[1] for row in rows if intact_setting(*row)}
 
 
 def _could_be(number: object, label: object) -> bool:
     """Whether an identifier and a label could be those of an example."""
-    with suppress(ActionCliError):
-        return (
-            isinstance(number, int)
-            and 0 < number < 2**31
-            and isinstance(label, str)
-            and check_label(label) == label
-        )
+    with suppress(sqlite3.DatabaseError):
+        require_label(label)
+        return isinstance(number, int) and 0 < number < 2**31
     return False
 
 
@@ -291,23 +281,15 @@ def _alone(path: Path) -> Iterator[BinaryIO]:
 
     Until it is closed, nothing else in this process may open it: closing that would end the lock.
     """
+    end = time.monotonic() + _PATIENCE
     with path.open("r+b") as file:
-        # Elsewhere a file that is open cannot be replaced, so that the last step fails.
-        if sys.platform != "win32":
-            import fcntl
-
-            end = time.monotonic() + _PATIENCE
-            while True:
-                try:
-                    fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, _LOCK_LENGTH, _LOCK_START)
-                    break
-                except (BlockingIOError, PermissionError) as error:
-                    if time.monotonic() > end:
-                        raise StoreError(
-                            f"{path} is in use by another program. Wait for it or end it, then "
-                            "repair again."
-                        ) from error
-                time.sleep(0.05)
+        while not lock_bytes(file, _LOCK_START, _LOCK_LENGTH):
+            if time.monotonic() > end:
+                raise StoreError(
+                    f"{path} is in use by another program. Wait for it or end it, then repair "
+                    "again."
+                )
+            time.sleep(0.05)
         yield file
 
 
@@ -318,11 +300,10 @@ def _workshop(path: Path) -> Iterator[Path]:
     # Nobody else repairs this store now: what is there was left by a repair that was interrupted.
     for left in path.parent.glob(f"{prefix}*"):
         shutil.rmtree(left, ignore_errors=True)
-    folder = Path(tempfile.mkdtemp(prefix=prefix, dir=path.parent))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with tempfile.TemporaryDirectory(
+        prefix=prefix, dir=path.parent, ignore_cleanup_errors=True
+    ) as folder:
+        yield Path(folder)
 
 
 def _keep(file: BinaryIO, path: Path, folder: Path) -> Path:
@@ -353,8 +334,8 @@ def _journal(path: Path) -> Path:
 def _copy(source: BinaryIO, target: Path) -> None:
     """Copy an open file to a new one that only its owner can read, down to the disk."""
     source.seek(0)
-    descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "wb") as file:
+    target.touch(0o600, exist_ok=False)
+    with target.open("wb") as file:
         shutil.copyfileobj(source, file)
         file.flush()
         os.fsync(file.fileno())

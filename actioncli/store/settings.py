@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from actioncli.errors import StoreError
@@ -22,14 +21,6 @@ def put_setting(db: sqlite3.Connection, name: str, value: str) -> None:
         "INSERT OR REPLACE INTO settings (name, value, crc) VALUES (?, ?, ?)",
         (name, value, setting_crc(name, value)),
     )
-
-
-def change_settings(db: sqlite3.Connection, changes: Mapping[str, Callable[[str], str]]) -> None:
-    """Replace the text of settings, by name; one that is not set, or is damaged, stays so."""
-    for name, change in changes.items():
-        row = db.execute("SELECT value, crc FROM settings WHERE name = ?", (name,)).fetchone()
-        if row is not None and intact_setting(name, *row):
-            put_setting(db, name, change(row[0]))
 
 
 def damaged_setting(path: Path, name: object) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,23 +18,22 @@ from actioncli.store.examples import (
     holds_negatives,
     insert,
     list_examples,
-    read_outlines,
     read_record,
+    read_records,
     rename_examples,
     require,
     require_label,
     stored_label,
 )
-from actioncli.store.location import store_path
+from actioncli.store.location import exists, exposure, store_path
 from actioncli.store.names import check_label
-from actioncli.store.settings import change_settings, put_setting, read_settings
+from actioncli.store.settings import put_setting, read_settings
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from actioncli.clips.clip import Clip
-    from actioncli.store.record import Record
     from actioncli.store.repair import Repair
 
 __all__ = ["Action", "Example", "Inserted", "SupportStore"]
@@ -125,8 +125,6 @@ class SupportStore:
         """What is enrolled, by label."""
         with reading(self.path) as db:
             actions: list[Action] = []
-            if db is None:
-                return actions
             # Fetched at once: a cursor would live on with an error, and keep the store locked.
             for label, examples, seconds, added, negative in db.execute(
                 "SELECT label, count(*), total((frames - 1) / fps), max(added), max(negative) "
@@ -146,7 +144,7 @@ class SupportStore:
         with reading(self.path) as db:
             if label is not None:
                 label = stored_label(db, label)
-            return list_examples(db, label) if db else []
+            return list_examples(db, label)
 
     def clip(self, example: int) -> Clip:
         """The clip of an example.
@@ -156,8 +154,8 @@ class SupportStore:
         """
         with reading(self.path) as db:
             # As text, for a number that someone typed may exceed SQLite's integers.
-            found = db and db.execute("SELECT 1 FROM examples WHERE id = ?", (str(example),))
-            if db is None or not found or found.fetchone() is None:
+            found = db.execute("SELECT 1 FROM examples WHERE id = ?", (str(example),))
+            if found.fetchone() is None:
                 raise SupportError(
                     f"There is no example {example} in {self.path}; `actioncli show LABEL` lists "
                     "those of an action."
@@ -168,13 +166,15 @@ class SupportStore:
     def support(self) -> dict[str, list[Clip]]:
         """The clips of each action, in the order of enrolment; without the negatives."""
         clips: dict[str, list[Clip]] = {}
-        for record in self._records(negative=False):
-            clips.setdefault(record.label, []).append(record.clip())
+        with reading(self.path) as db:
+            for _, record in read_records(db, self.path, "NOT negative"):
+                clips.setdefault(record.label, []).append(record.clip())
         return {label: clips[label] for label in sorted(clips)}
 
     def negatives(self) -> list[Clip]:
         """The clips that must never be accepted, in the order of enrolment."""
-        return [record.clip() for record in self._records(negative=True)]
+        with reading(self.path) as db:
+            return [record.clip() for _, record in read_records(db, self.path, "negative")]
 
     def snapshot(self, weights_checksum: str, settings: Collection[str] = ()) -> Snapshot:
         """What is enrolled at one moment, with the embeddings for these weights.
@@ -237,7 +237,10 @@ class SupportStore:
                     f"`{new}` is enrolled already; remove it first or choose another name."
                 )
             rename_embeddings(db, old, new)
-            change_settings(db, settings or {})
+            for name, change in (settings or {}).items():
+                with suppress(StoreError):  # one that is damaged stays so
+                    for value in read_settings(db, self.path, name).values():
+                        put_setting(db, name, change(value))
             return rename_examples(db, self.path, old, new)
 
     def clear(self, settings: bool = False) -> int:
@@ -246,9 +249,8 @@ class SupportStore:
         Args:
             settings: forget the settings too; else they stay.
         """
-        with reading(self.path) as db:
-            if db is None:
-                return 0
+        if not exists(self.path):
+            return 0
         with changing(self.path, erases=True) as db:
             if settings:
                 db.execute("DELETE FROM settings")
@@ -267,16 +269,15 @@ class SupportStore:
         from actioncli.store.archive import write_archive
 
         with reading(self.path) as db:
-            outlines = read_outlines(db, self.path) if db else {}
-            if db is None or not outlines:
+            (count,) = db.execute("SELECT count(*) FROM examples").fetchone()
+            if not count:
                 raise SupportError(f"Nothing is enrolled in {self.path}: nothing to export.")
             write_archive(
                 Path(path).absolute(),
-                list(outlines.values()),
-                (read_record(db, self.path, example) for example in outlines),
+                lambda: (record for _, record in read_records(db, self.path)),
                 read_settings(db, self.path),
             )
-        return len(outlines)
+        return int(count)
 
     def import_(self, path: str | Path) -> tuple[int, int]:
         """Add the examples of an export; how many were added, and how many were there already.
@@ -314,13 +315,12 @@ class SupportStore:
             StoreError: it is not what was set.
         """
         with reading(self.path) as db:
-            return read_settings(db, self.path, name).get(name) if db else None
+            return read_settings(db, self.path, name).get(name)
 
     def set_setting(self, name: str, value: str | None) -> None:
         """Remember a value; None forgets it, if there is one."""
-        with reading(self.path) as db:
-            if value is None and db is None:
-                return  # forgetting must not create a store
+        if value is None and not exists(self.path):
+            return  # forgetting must not create a store
         with changing(self.path, erases=value is None) as db:
             if value is None:
                 db.execute("DELETE FROM settings WHERE name = ?", (name,))
@@ -334,16 +334,14 @@ class SupportStore:
         embeddings, and who may read the file.
         """
         from actioncli.store.backup import is_lost, lost_store
-        from actioncli.store.health import problems
-
-        found = problems(self.path)
-        return found or ([lost_store(self.path)] if is_lost(self.path) else [])
-
-    def damage(self) -> list[str]:
-        """What is wrong with the content of the store, a line for each problem."""
         from actioncli.store.health import damage
 
-        return damage(self.path)
+        try:
+            found = exposure(self.path) if exists(self.path) else []
+        except StoreError as error:
+            return [str(error)]
+        found += damage(self.path)
+        return found or ([lost_store(self.path)] if is_lost(self.path) else [])
 
     def backup_flaw(self) -> str | None:
         """What is wrong with the copy of the store beside it; None where it is as it should be."""
@@ -363,10 +361,3 @@ class SupportStore:
         from actioncli.store.repair import repair
 
         return repair(self.path)
-
-    def _records(self, negative: bool) -> list[Record]:
-        with reading(self.path) as db:
-            if db is None:
-                return []
-            rows = db.execute("SELECT id FROM examples WHERE negative = ? ORDER BY id", (negative,))
-            return [read_record(db, self.path, example) for (example,) in rows.fetchall()]

@@ -7,7 +7,6 @@ import contextlib
 import os
 import secrets
 import socket
-import sys
 import time
 import webbrowser
 from html import escape
@@ -19,6 +18,7 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from actioncli.errors import UsageError
+from actioncli.files import has_screen
 from actioncli.studio.guard import Guard
 
 # Bytes of a WebSocket message: a picture of a camera, many times over.
@@ -29,8 +29,6 @@ _FIRST_SECONDS = 5.0
 MOST_IDLE = 256
 # Seconds that requests in progress are given at the end.
 _LAST_SECONDS = 1
-# One of them is set where there is a screen, or a browser was chosen.
-_SCREENS = frozenset({"DISPLAY", "WAYLAND_DISPLAY", "BROWSER"})
 
 
 class BoundedProtocol(H11Protocol):
@@ -141,7 +139,7 @@ class Server:
             folder: private one for the file.
         """
         # Without a screen, a browser for terminals would take over this one.
-        if sys.platform == "linux" and not os.environ.keys() & _SCREENS:
+        if not has_screen():
             return False
         page = folder / "open.html"
         page.touch(mode=0o600)

@@ -54,6 +54,7 @@ USAGE = [
     ("watch a.mp4 --exec no-such-program-here", "no such program"),
     (f"watch a.mp4 --exec {SQUAT}", "it may not be run; `chmod +x` lets it"),
     ("watch a.mp4 --exec '", "is no command"),
+    ("watch 0 --page --sets", "--page shows what is told, and takes no --sets"),
     ("show squat -o a.jpg", "drawings are written as"),
     ("show squat -o none/a.png", "folder does not exist"),
     ("calibrate --target-far 0", "--target-far"),

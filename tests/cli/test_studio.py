@@ -133,15 +133,18 @@ def test_two_at_once_and_json(start: Start, home: Path) -> None:
     assert get(addresses[1], "/api/state", headers_of(addresses[0]))[0] == 403
 
 
+@pytest.mark.parametrize("words", [("studio",), ("watch", "rtsp://me:secret@a/b", "--page")])
 def test_the_browser_is_given_a_file_that_nobody_else_can_read(
-    start: Start, home: Path, tmp_path: Path
+    start: Start, home: Path, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     seen = tmp_path / "seen"
     browser = tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\nprintf "%s" "$1" > {seen}.part && mv {seen}.part {seen}\n')
     browser.chmod(0o700)
-    child = start("studio", BROWSER=str(browser))
+    child = start(*words, BROWSER=str(browser))
     address = line(child).strip()
+    source = json.loads(get(address, "/api/state")[1])["source"]
+    assert source == ("rtsp://a/b" if "--page" in words else None)
     until(seen.exists)
     opened = urlsplit(seen.read_text())
     assert opened.scheme == "file"

@@ -17,13 +17,12 @@ import random
 import selectors
 import shutil
 import signal
-import stat
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,7 +37,7 @@ from actioncli.recognition.threshold import Threshold, keep_threshold, kept_thre
 from actioncli.store.archive import read_archive
 from actioncli.store.backup import backup_path, make_backup
 from actioncli.store.record import Record
-from actioncli.store.store import SupportStore
+from actioncli.store.store import Example, SupportStore
 from tests.forking import NOBODY, fork
 
 EXAMPLES = {
@@ -51,10 +50,6 @@ NAMES = (
 )  # fmt: skip
 _CLONE_NEWNS, _CLONE_NEWUSER = 0x20000, 0x10000000
 _MS_REC, _MS_PRIVATE = 0x4000, 0x40000
-
-
-class RoundError(AssertionError):
-    """A promise that was not kept."""
 
 
 @dataclass
@@ -111,20 +106,20 @@ class Round:
         self.home = self.disk / self.random.choice(["home", "my actions", "Übungen ✋", "y" * 200])
         name = self.random.choice(NAMES)
         # SQLite takes no longer paths.
-        if len(os.fsencode(self.home / name)) > 490:
-            name = NAMES[0]
-        self.store = SupportStore(self.home / name)
+        fits = len(os.fsencode(self.home / name)) <= 490
+        self.store = SupportStore(self.home / (name if fits else NAMES[0]))
         self.workers: list[Report] = []
         self.pipes: dict[int, tuple[Report, bytearray]] = {}
         self.selector = selectors.DefaultSelector()
         self.initial: State = {}
+        self.tau: float | None = 0.0
         self.refusals = False
 
     def run(self) -> str:
         """Play it; a line about what happened.
 
         Raises:
-            RoundError: a promise was not kept.
+            AssertionError: a promise was not kept.
         """
         KINDS[self.kind][1](self)
         self.finish()
@@ -138,7 +133,7 @@ class Round:
 
     def kill(self) -> None:
         """A few processes, each killed at a random moment of what it does."""
-        self.fill()
+        self.fill_or_not()
         for turn in range(self.random.randint(2, 4)):
             count = self.random.choice([1, 1, 2, 3])
             for place in range(count):
@@ -149,7 +144,7 @@ class Round:
 
     def crowd(self) -> None:
         """Sixteen processes at once; some of them are killed."""
-        self.fill()
+        self.fill_or_not()
         for place in range(16):
             self.start(f"{place}", steps=self.random.randint(2, 4))
         for report in self.random.sample(self.workers, self.random.choice([0, 4, 8])):
@@ -158,11 +153,11 @@ class Round:
     def full(self) -> None:
         """A disk that is too small, and on which room is made at some time."""
         self.refusals = True
-        mounted = mount(self.disk, self.random.randrange(160, 700) * 1024)
+        mounted = mount(self.disk, self.random.randrange(200, 700) * 1024)
+        self.fill()
         ballast = self.disk / "ballast"
         if mounted:
             ballast.write_bytes(bytes(self.random.randrange(32, 100) * 1024))
-        self.fill()
         for place in range(2):
             self.start(
                 f"{place}", steps=25, frames=self.random.choice([30, 200]), limit=not mounted
@@ -187,8 +182,8 @@ class Round:
         for place in range(2):
             self.start(f"{place}", steps=6, ordinary=True, folder=self.folder)
         self.finish()
-        if folder == 0o500 and self.store.path.read_bytes() != closed:
-            raise RoundError("a store in a read-only folder was changed")
+        changed = folder == 0o500 and self.store.path.read_bytes() != closed
+        assert not changed, "a store in a read-only folder was changed"
         self.open_again()
 
     def permissions(self) -> None:
@@ -231,8 +226,8 @@ class Round:
         for place in range(2):
             self.start(f"{place}", steps=10, environment={"FAULT_LOCKS": rule}, patience=0.2)
         self.finish()
-        if percent == 100 and any(report.done.keys() - {"refused"} for report in self.workers):
-            raise RoundError("something was done without a lock")
+        done = {what for report in self.workers for what in report.done}
+        assert percent < 100 or done <= {"refused"}, "something was done without a lock"
 
     def repair(self) -> None:
         """A damaged store is repaired by processes that are killed. Without a copy, a recording is
@@ -244,8 +239,7 @@ class Round:
         if copied:
             self.start("0", steps=10)
             self.finish()
-            if not make_backup(self.store.path):
-                raise RoundError("a whole store was not copied")
+            assert make_backup(self.store.path), "a whole store was not copied"
         content = bytearray(self.store.path.read_bytes())
         joints = make_clip(self.seed * 100_000, 60).joints.astype("<f4").tobytes()
         content[content.index(joints[-500:])] ^= 1 << self.random.randrange(8)
@@ -262,17 +256,14 @@ class Round:
         self.finish()
         done = self.store.repair()
         # The longest names lose their end, so that what is appended fits.
-        kept = next(self.store.path.parent.glob("*.damaged"), None)
-        if kept is None or (copied and kept.read_bytes() != content):
-            raise RoundError("the damaged file was not kept")
+        [kept, *_] = sorted(self.home.glob("*.damaged"))
+        assert not copied or kept.read_bytes() == content, "the damaged file was not kept"
         lost = [] if copied else [(4, "lost")]
-        if done and [(gone.id, gone.label) for gone in done.gone] != lost:
-            raise RoundError(f"gone are {done.gone}")
+        assert not done or [(gone.id, gone.label) for gone in done.gone] == lost, done.gone
         if copied:  # also where a repair that was killed had done its work
             self.store.remove("lost")
-        left = {file.name for file in self.home.iterdir() if file.name.startswith(".repair-")}
-        if done and left:
-            raise RoundError(f"left behind: {left}")
+        left = list(self.home.glob(".repair-*"))
+        assert not done or not left, f"left behind: {left}"
 
     def damage(self, content: bytearray) -> None:
         """Bits, pages or the end of a store's file become something else."""
@@ -295,7 +286,7 @@ class Round:
         self.home.mkdir()
         report = Report(Task("cli", self.seed, str(self.store.path), "", 0), 0, {}, None)
         clips = {name: read_clip(file) for name, file in EXAMPLES.items()}
-        sums = {name: Record.from_clip("x", clip).checksum for name, clip in clips.items()}
+        contents = {name: Record.from_clip("x", clip).checksum for name, clip in clips.items()}
         state: dict[str, list[str]] = {}
         usual = 0.0
         for number in range(self.random.randint(4, 7)):
@@ -332,23 +323,18 @@ class Round:
                 process.kill()
             error = process.communicate()[1].decode()
             usual = usual if number else time.monotonic() - start
-            if process.returncode not in {0, -signal.SIGKILL}:
-                raise RoundError(f"{words} ended with {process.returncode}: {error}")
-            held: dict[str, list[str]] = {}
-            for example in self.store.examples():
-                held.setdefault(example.label, []).append(example.checksum)
+            assert process.returncode in {0, -signal.SIGKILL}, f"{words}: {error}"
+            held = by_label(self.store.examples())
             possible = [
-                {label: [sums[name] for name in names] for label, names in each.items()}
+                {label: [contents[name] for name in names] for label, names in each.items()}
                 for each in ([after] if process.returncode == 0 else [state, after])
             ]
-            if held not in possible:
-                raise RoundError(f"after {words} ({process.returncode}) there is {held}")
+            assert held in possible, f"after {words} ({process.returncode}) there is {held}"
             state = after if held == possible[-1] else state
             report.done["killed" if process.returncode else words[0]] += 1
             if words[0] == "export" and (process.returncode == 0 or Path(words[1]).exists()):
                 exported = {record.label for record in read_archive(Path(words[1]))}
-                if exported != state.keys():
-                    raise RoundError(f"the export holds {exported}")
+                assert exported == state.keys(), f"the export holds {exported}"
         # What follows looks for the labels of workers only.
         if state:
             self.store.clear()
@@ -362,7 +348,12 @@ class Round:
         self.initial = {"there before": numbers}
         self.store.enroll_all([("there before", make_clip(each, 6)) for each in numbers])
         keep_threshold(self.store, Threshold(0.5, "w"))
-        self.tau: float | None = 0.5
+        self.tau = 0.5
+
+    def fill_or_not(self) -> None:
+        """Or the processes are the first ones, and make folder, file and tables."""
+        if self.random.random() < 0.5:
+            self.fill()
 
     def tau_of(self, count: int) -> float | None:
         """The threshold that stands, for the only worker that may change it."""
@@ -437,14 +428,14 @@ class Round:
                 continue
             if report in self.talking():
                 os.kill(report.process, signal.SIGKILL)
-                raise RoundError(f"worker {report.task.name} did not end: {report.pending}")
+                raise AssertionError(f"worker {report.task.name} did not end: {report.pending}")
             code = os.waitstatus_to_exitcode(os.waitpid(report.process, 0)[1])
             report.process = 0
-            if code != 0 and not (report.killed and code == -signal.SIGKILL):
-                raise RoundError(f"worker {report.task.name} ended with {code} at {report.pending}")
+            ended = code == 0 or (report.killed and code == -signal.SIGKILL)
+            assert ended, f"worker {report.task.name} ended with {code} at {report.pending}"
             report.killed = code != 0
-            if report.errors and not self.refusals:
-                raise RoundError(f"worker {report.task.name} was refused: {report.errors}")
+            refused = report.errors and not self.refusals
+            assert not refused, f"worker {report.task.name} was refused: {report.errors}"
             if report.tau is not None:
                 self.tau = self.tau_after(report)
 
@@ -453,8 +444,7 @@ class Round:
         kept = kept_threshold(self.store)
         found = kept.tau if kept else 0.0
         possible = {report.tau, report.pending[2] if report.pending else report.tau}
-        if found not in possible:
-            raise RoundError(f"the threshold is {found}, not one of {possible}")
+        assert found in possible, f"the threshold is {found}, not one of {possible}"
         return found
 
     def give_away(self) -> None:
@@ -473,54 +463,55 @@ class Round:
     def verify(self) -> None:
         """Look at everything."""
         problems = self.store.check()
-        if problems:
-            raise RoundError(f"the store is damaged: {problems}")
-        held: dict[str, list[str]] = {}
-        for example in self.store.examples():
-            held.setdefault(example.label, []).append(example.checksum)
+        assert not problems, f"the store is damaged: {problems}"
+        held = by_label(self.store.examples())
         for label, clips in self.store.support().items():
-            if len(clips) != len(held[label]):
-                raise RoundError(f"{label}: {len(clips)} clips, {len(held[label])} examples")
-        if not self.equal(self.initial, {k: held[k] for k in self.initial if k in held}, 6):
-            raise RoundError(f"of {self.initial} there is {held}")
+            assert len(clips) == len(held[label]), f"{label}: {len(clips)} clips"
+        there = by_label(self.store.examples(), tuple(self.initial))
+        assert there == sums(self.initial, 6), f"of {self.initial} there is {held}"
         for report in self.workers:
-            mine = {k: v for k, v in held.items() if k.startswith(f"{report.task.name} ")}
+            name, frames = f"{report.task.name} ", report.task.frames
+            mine = by_label(self.store.examples(), name)
             states = [report.state, *([report.pending[1]] if report.pending else [])]
-            if not any(self.equal(state, mine, report.task.frames) for state in states):
-                raise RoundError(
-                    f"worker {report.task.name} has {mine}, acknowledged was {report.state}, begun "
-                    f"{report.pending}"
-                )
+            assert any(sums(state, frames) == mine for state in states), (
+                f"worker {name} has {mine}, acknowledged was {report.state}, begun {report.pending}"
+            )
+            # An export that was acknowledged is there, is whole, and holds what was there.
             for number, state in report.exports.items():
-                self.check_export(report, number, state)
-        names = tuple(f"{report.task.name} " for report in self.workers)
-        nobodys = [label for label in held if not label.startswith((*names, *self.initial))]
-        if nobodys:
-            raise RoundError(f"labels of nobody: {nobodys}")
+                file = Path(report.task.folder) / f"{name}{number}.safetensors"
+                mine = by_label(read_archive(file), name)
+                assert sums(state, frames) == mine, f"{file.name} holds {mine}, not {state}"
+            for file in Path(report.task.folder).glob(f"{name}*.safetensors"):
+                list(read_archive(file))
+        names = (*(f"{report.task.name} " for report in self.workers), *self.initial)
+        nobodys = [label for label in held if not label.startswith(names)]
+        assert not nobodys, f"labels of nobody: {nobodys}"
         copy = SupportStore(backup_path(self.store.path))
-        if not kept_threshold(self.store) and copy.path.is_file() and kept_threshold(copy):
-            raise RoundError("the copy holds a threshold that was forgotten")
-        if self.store.path.exists() and stat.S_IMODE(self.store.path.stat().st_mode) != 0o600:
-            raise RoundError("others may read the store")
+        kept = copy.path.is_file() and kept_threshold(copy)
+        assert kept_threshold(self.store) or not kept, "the copy holds a forgotten threshold"
+        for path, mode in ((self.store.path, 0o600), (self.home, 0o700)):
+            private = not path.exists() or path.stat().st_mode & 0o777 == mode
+            assert private, f"others may read {path}"
         journal = self.store.path.with_name(self.store.path.name + "-journal")
         # One that was not begun is no journal yet; the next write begins it anew.
-        if journal.exists() and journal.read_bytes()[:1] not in {b"", b"\0"}:
-            raise RoundError("a journal was left")
+        begun = journal.exists() and journal.read_bytes()[:1] not in {b"", b"\0"}
+        assert not begun, "a journal was left"
 
-    def check_export(self, report: Report, number: int, state: State) -> None:
-        """An export that was acknowledged is whole, and holds what was there."""
-        file = Path(report.task.folder) / f"{report.task.name} {number}.safetensors"
-        held: dict[str, list[str]] = {}
-        for record in read_archive(file):
-            held.setdefault(record.label, []).append(record.checksum)
-        mine = {k: v for k, v in held.items() if k.startswith(f"{report.task.name} ")}
-        if not self.equal(state, mine, report.task.frames):
-            raise RoundError(f"{file.name} holds {mine}, not {state}")
 
-    @staticmethod
-    def equal(state: State, held: dict[str, list[str]], frames: int) -> bool:
-        """Whether labels hold the clips of a state, in order."""
-        return {k: [checksum(each, frames) for each in v] for k, v in state.items()} == held
+def by_label(
+    examples: Iterable[Example | Record], begins: str | tuple[str, ...] = ""
+) -> dict[str, list[str]]:
+    """The checksums of examples whose labels begin so, in order."""
+    held: dict[str, list[str]] = {}
+    for each in examples:
+        if each.label.startswith(begins):
+            held.setdefault(each.label, []).append(each.checksum)
+    return held
+
+
+def sums(state: State, frames: int) -> dict[str, list[str]]:
+    """The checksums of the clips of a state."""
+    return {label: [checksum(each, frames) for each in held] for label, held in state.items()}
 
 
 KINDS: dict[str, tuple[int, Callable[[Round], None]]] = {
@@ -580,6 +571,7 @@ def play(seed: int) -> tuple[bool, str]:
 
     def arena() -> None:
         os.close(receive)
+        os.umask(0)
         # As root the disk is in memory for every round, which makes syncing quick. Others may
         # mount only by giving up the difference between users, which the permissions need.
         ordinary = os.geteuid() != 0
@@ -591,7 +583,7 @@ def play(seed: int) -> tuple[bool, str]:
             mount(inside, 64 * 2**20)
         try:
             os.write(send, Round(seed, inside).run().encode())
-        except (RoundError, StoreError, AssertionError) as error:
+        except (StoreError, AssertionError) as error:
             message = f"{rehearsal.kind}: {type(error).__name__}: {error}"
             os.write(send, message.encode()[:60_000])
             raise

@@ -29,6 +29,7 @@ from actioncli.evaluation.splits import read_splits
 from actioncli.model import weights
 from actioncli.recognition.threshold import kept_threshold
 from actioncli.store import archive
+from actioncli.store.health import damage
 from actioncli.store.record import Record, _content_checksum
 from actioncli.store.store import SupportStore
 
@@ -86,7 +87,7 @@ def _store(file: Path) -> object:
         return [kept, store.actions(), store.examples(), store.support(), store.negatives()]
     except StoreError:
         if store.repair() is not None:
-            assert store.damage() == []
+            assert damage(store.path) == []
             store.support()
         raise
     finally:

@@ -16,13 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fuzz.readers import CORPUS, READERS, _pack_weights, _with_zeros
+from fuzz.readers import READERS, _pack_weights, _with_zeros
 
 from actioncli import (
     Clip,
     ClipError,
     Recognizer,
-    SupportStore,
     WeightsError,
     read_clip,
     read_collection,
@@ -60,7 +59,7 @@ start = b"\\x93NUMPY\\x01\\x00"
 for name, shape in {"text": "'<U9999999', 'fortran_order': False, 'shape': (9,)",
                     "labels": "'<i8', 'fortran_order': False, 'shape': (33000000, 1)"}.items():
     header = ("{'descr': " + shape + ", }\\n").encode()
-    with zipfile.ZipFile(here / f"{name}.npz", "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(here / f"{name}.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
         with file.open("lengths.npy", "w") as member:
             member.write(start + len(header).to_bytes(2, "little") + header)
             for _ in range(300):
@@ -87,7 +86,7 @@ with open(here / "sparse.json", "wb") as file:
 np.savez_compressed(here / "zeros.npz", joints=np.zeros((2**18, 21, 3), np.float32))
 header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (31000000, 1), }\\n"
 array = start + len(header).to_bytes(2, "little") + header
-with zipfile.ZipFile(here / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as file:
+with zipfile.ZipFile(here / "bomb.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
     with file.open("joints.npy", "w") as member:
         member.write(array)
         for _ in range(248):
@@ -191,21 +190,6 @@ def test_names_in_an_archive_are_never_files(tmp_path: Path, name: str) -> None:
     with pytest.raises(ClipError):
         read_collection(file)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_paths_in_an_export_are_refused(tmp_path: Path) -> None:
-    reader = READERS["archive"]
-    assert reader.unpack is not None
-    assert reader.pack is not None
-    manifest, tensors, settings = reader.unpack((CORPUS / "archive" / "seed").read_bytes())
-    for source in ("../../../etc/passwd", "/etc/passwd", "a\x1b[2J", "..", "a\nb"):
-        entries = json.loads(manifest)
-        entries[0]["source"] = source
-        file = tmp_path / "evil.safetensors"
-        file.write_bytes(reader.pack([json.dumps(entries).encode(), tensors, settings]))
-        with pytest.raises(ActionCliError, match="Nothing was imported"):
-            SupportStore(tmp_path / "store" / "support.db").import_(file)
-        assert not (tmp_path / "store").exists()
 
 
 def weights_with(tmp_path: Path, config: str, metadata: str = "{}", tensors: str = "{}") -> Path:

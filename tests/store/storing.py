@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import unicodedata  # noqa: F401 - a child without rights on the interpreter cannot import it
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 import actioncli.store.archive
 import actioncli.store.record  # noqa: F401 - likewise
 from actioncli.clips.clip import Clip
+from actioncli.store.database import writing
+from actioncli.store.store import SupportStore
 from tests.forking import NOBODY, fork
 
 
@@ -47,6 +50,21 @@ def same(first: Clip, second: Clip) -> bool:
 def succeeded(child: int) -> bool:
     """Wait for a child; whether it ended well."""
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def interrupt(store: SupportStore, *statements: str) -> Path:
+    """Kill a process that writes to a store; the journal that it leaves."""
+
+    def die_while_writing() -> None:
+        with writing(store.path) as db:
+            for statement in ("PRAGMA cache_spill = 1", "PRAGMA cache_size = 1", *statements):
+                db.execute(statement)
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    assert not succeeded(fork(die_while_writing))
+    journal = store.path.with_name(store.path.name + "-journal")
+    assert journal.stat().st_size > 0
+    return journal
 
 
 def as_ordinary_user(work: Callable[[], object]) -> bool:

@@ -10,12 +10,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 from storing import as_ordinary_user, fork, give_away, make_clip, same, succeeded
 
 from actioncli.errors import StoreError
-from actioncli.store import backup
 from actioncli.store.backup import backup_path, finish_backups, make_backup
 from actioncli.store.store import SupportStore
 from tests.forking import files_up_to
@@ -175,16 +173,3 @@ def test_a_link_in_the_place_of_the_copy_is_replaced(shared_folder: Path, tmp_pa
     store.enroll("wave", make_clip(0))
     assert victim.read_text() == "mine"
     assert not backup_path(store.path).is_symlink()
-
-
-def test_an_ordinary_user_has_a_copy_too(shared_folder: Path) -> None:
-    store = SupportStore(shared_folder / "home" / "support.db")
-    store.enroll("wave", make_clip(0))
-    give_away(store.path.parent, store.path, backup_path(store.path))
-
-    def work() -> None:
-        backup._waiting.clear()
-        store.remove("wave")
-        np.testing.assert_equal(copied(store), {})
-
-    assert as_ordinary_user(work)

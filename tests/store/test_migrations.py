@@ -7,11 +7,11 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from storing import make_clip, same
+from storing import make_clip
 
 from actioncli.errors import StoreError
 from actioncli.store import migrations
-from actioncli.store.migrations import APPLICATION_ID, MIGRATIONS, Migration
+from actioncli.store.migrations import APPLICATION_ID, MIGRATIONS
 from actioncli.store.store import SupportStore
 
 
@@ -74,37 +74,17 @@ def test_an_empty_file_is_an_empty_store(tmp_path: Path) -> None:
     assert store.check() == []
 
 
-@pytest.mark.parametrize("writes", [True, False])
-def test_an_older_schema_is_brought_up_to_date(
-    store: SupportStore, monkeypatch: pytest.MonkeyPatch, writes: bool
-) -> None:
-    store.enroll("wave", make_clip(0))
-    added = Migration("colour", ("ALTER TABLE examples ADD COLUMN colour TEXT DEFAULT 'red'",))
-    monkeypatch.setattr(migrations, "MIGRATIONS", (*MIGRATIONS, added))
-    if writes:
-        store.enroll("clap", make_clip(1))
-    assert same(store.support()["wave"][0], make_clip(0))
-    with closing(sqlite3.connect(store.path)) as db:
-        assert db.execute("SELECT DISTINCT colour FROM examples").fetchall() == [("red",)]
-        assert db.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS) + 1,)
-    assert store.check() == []
-
-
 def test_a_migration_that_fails_changes_nothing(
     store: SupportStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store.enroll("wave", make_clip(0))
-    broken = Migration("broken", ("ALTER TABLE examples ADD COLUMN colour TEXT", "NO STATEMENT"))
+    broken = ("ALTER TABLE examples ADD COLUMN colour TEXT", "NO STATEMENT")
     with monkeypatch.context() as patch:
         patch.setattr(migrations, "MIGRATIONS", (*MIGRATIONS, broken))
         with pytest.raises(StoreError):
             store.actions()
     assert [action.label for action in store.actions()] == ["wave"]
     assert store.check() == []
-
-
-def test_names_of_migrations_are_unique() -> None:
-    assert len({migration.name for migration in MIGRATIONS}) == len(MIGRATIONS)
 
 
 def test_a_file_that_goes_out_of_reach_is_told(tmp_path: Path) -> None:

@@ -10,20 +10,22 @@ import sqlite3
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 import pytest
 from cases import cases
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from storing import as_ordinary_user, fork, give_away, make_clip, same, succeeded
+from storing import as_ordinary_user, fork, give_away, interrupt, make_clip, same, succeeded
 
 from actioncli.clips.clip import Clip
-from actioncli.errors import StoreError
+from actioncli.errors import ActionCliError, StoreError
 from actioncli.store.backup import backup_path, make_backup
 from actioncli.store.database import writing
+from actioncli.store.health import damage
 from actioncli.store.migrations import MIGRATIONS
 from actioncli.store.repair import Repair
 from actioncli.store.store import SupportStore
@@ -73,8 +75,39 @@ class Truth:
             store.remove(next(e.label for e in store.examples() if e.id == gone), gone)
             del self.clips[gone]
         store.set_setting("threshold", "0.25")
+        self.embedding = {max(self.clips): np.ones((2, 3), np.float32)}
+        store.keep_embeddings("w", self.embedding)
         self.examples = {example.id: example for example in store.examples()}
         self.content = store.path.read_bytes()
+
+    def use(self, damaged: bool) -> None:
+        """What is read of a damaged store is told, or is what was enrolled."""
+        try:
+            support = self.store.support()
+        except StoreError:
+            assert damaged
+        else:
+            actions = [each for each in self.examples.values() if not each.negative]
+            assert damaged or support.keys() == {example.label for example in actions}
+            for label, clips in support.items():
+                enrolled = [self.clips[each.id] for each in actions if each.label == label]
+                assert all(any(same(clip, each) for each in enrolled) for clip in clips)
+        other = SupportStore(self.store.path.with_name("other.db"))
+        shutil.copy(self.store.path, other.path)
+        for ask in (
+            self.store.actions,
+            self.store.examples,
+            self.store.negatives,
+            lambda: self.store.snapshot("w"),
+            lambda: self.store.clip(1),
+            lambda: self.store.export(self.store.path.with_name("export")),
+            lambda: self.store.setting("threshold"),
+            lambda: other.enroll("action 0", make_clip(0)),
+            lambda: other.keep_embeddings("w", self.embedding),
+            lambda: other.remove("action 1"),
+        ):
+            with suppress(ActionCliError):
+                ask()
 
     def compare(self, done: Repair) -> None:
         """All that is there is what was enrolled, to the last bit, and what is not is said."""
@@ -127,7 +160,8 @@ def test_what_comes_back_is_what_was_enrolled(seed: int, copied: bool, data: st.
             junk = bytes(length) if kind == "zeros" else random.Random(seed).randbytes(length)
             content[start : start + length] = junk[: size - start]
         store.path.write_bytes(content)
-        damaged = store.damage() != []
+        damaged = damage(store.path) != []
+        truth.use(damaged)
         try:
             done = store.repair()
         except StoreError:
@@ -223,7 +257,7 @@ def test_a_note_that_changed_makes_an_example_doubtful(store: SupportStore) -> N
         content = bytearray(whole)
         content[content.rindex(text)] ^= 2
         store.path.write_bytes(content)
-        assert store.damage()
+        assert damage(store.path)
         done = store.repair()
         assert done is not None
         return done
@@ -258,17 +292,11 @@ def test_an_interrupted_write_is_undone_before_repairing(store: SupportStore) ->
     store.enroll("wave", make_clip(0, 60))
     store.enroll("clap", make_clip(1, 60))
 
-    def die_while_writing() -> None:
-        with writing(store.path) as db:
-            db.execute("PRAGMA cache_spill = 1")
-            db.execute("PRAGMA cache_size = 1")
-            db.execute("UPDATE examples SET label = 'never', note = 'x' WHERE id = 1")
-            db.execute("INSERT INTO settings VALUES ('never', hex(zeroblob(200000)), 0)")
-            os.kill(os.getpid(), 9)
-
-    assert not succeeded(fork(die_while_writing))
-    journal = store.path.with_name("support.db-journal")
-    assert journal.stat().st_size > 0
+    journal = interrupt(
+        store,
+        "UPDATE examples SET label = 'never', note = 'x' WHERE id = 1",
+        "INSERT INTO settings VALUES ('never', hex(zeroblob(200000)), 0)",
+    )
     content = flip(store, 1)
     interrupted = journal.read_bytes()
     done = store.repair()

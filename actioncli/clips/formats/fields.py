@@ -24,10 +24,10 @@ NOT_3D = (
     "the video itself."
 )
 METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
-# Values a frame of MediaPipe's pose landmarks (x, y, z, visibility each), alone and followed by
-# those of hands, or of face and hands.
-_POSE = 33 * 4
-_LANDMARKS = (_POSE, _POSE + 3 * 2 * 21, _POSE + 3 * (468 + 2 * 21))
+# Values a frame of MediaPipe's pose landmarks (x, y, z, visibility each), alone or before those
+# of the left and the right hand (x, y, z), or of face and hands.
+_POSE, _HANDS, _FACE = 33 * 4, 2 * 21 * 3, 468 * 3
+_LANDMARKS = (_POSE, _POSE + _HANDS, _POSE + _FACE + _HANDS)
 # Confidence beyond 1 that is rounding, and steps such as those of Kinects.
 _ROUNDED, _MOST_STEPS = 1.05, 3
 T = TypeVar("T")
@@ -50,9 +50,8 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = Tr
         raise ClipError(f"{where}: holds {listed(fields)}; a clip needs poses3d or joints.")
     values = np.asarray(fields[key])
     if values.ndim == 2 and values.shape[1] in _LANDMARKS and values.dtype.kind in "iuf":
-        points = values[:, :_POSE].reshape(len(values), 33, 4)
-        seen = {"confidence": points[..., 3]} if "confidence" not in fields else {}
-        return from_fields({**fields, key: points[..., :3], **seen}, where)
+        joints, seen = _landmarks(values)
+        return from_fields({"confidence": seen, **fields, key: joints}, where, named)
     positions = to_people(values, f"{where} ({key})" if named else where)
     confidence, notes = _confidence(fields, positions, where)
 
@@ -74,6 +73,20 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = Tr
         confidence=confidence,
         notes=notes,
     )
+
+
+def _landmarks(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """MediaPipe's values (T, V) to places (T, J, 3) and visibilities (T, J): J is 33, or 75 with
+    hands, of which those that are zero throughout a frame were not found in it."""
+    frames = len(values)
+    pose = values[:, :_POSE].reshape(frames, 33, 4)
+    if values.shape[1] == _POSE:
+        return pose[..., :3], pose[..., 3]
+    both = values[:, -_HANDS:].reshape(frames, 2, 21, 3)
+    found = np.broadcast_to(both.any(axis=(2, 3), keepdims=True), both.shape)
+    hands = np.where(found, both, np.nan).reshape(frames, 42, 3)
+    seen = found[..., 0].reshape(frames, 42)
+    return np.concatenate([pose[..., :3], hands], 1), np.concatenate([pose[..., 3], seen], 1)
 
 
 def in_small_letters(fields: Mapping[str, T]) -> dict[str, T]:

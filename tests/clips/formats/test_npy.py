@@ -92,20 +92,28 @@ def test_text_and_complex_numbers_are_no_positions(tmp_path: Path) -> None:
 
 def test_a_folder_of_numbered_frames_is_a_clip(tmp_path: Path) -> None:
     """As MP_Data: a folder an action, in it one a sequence, in it a file a frame."""
-    body = waving(12, LAYOUTS["blazepose_33"])
-    seen = np.ones((12, 33, 1))
+    body = waving(12, LAYOUTS["holistic_75"])
+    hands = body[:, 33:].copy()
+    hands[:4, :21] = hands[:, 21:] = 0  # not found
+    pose = np.concatenate([body[:, :33], np.ones((12, 33, 1))], axis=2).reshape(12, -1)
+    values = [pose, np.concatenate([pose, np.ones((12, 3 * 468)), hands.reshape(12, -1)], axis=1)]
     for action, sequence in (("hello", 0), ("hello", 1), ("thanks", 0)):
         folder = tmp_path / "MP_Data" / action / str(sequence)
         folder.mkdir(parents=True)
-        for frame, pose in enumerate(np.concatenate([body, seen], axis=2)):
-            rest = np.zeros(3 * (468 + 2 * 21) if sequence else 0)
-            np.save(folder / f"{frame}.npy", np.concatenate([pose.ravel(), rest]))
+        for frame, row in enumerate(values[sequence]):
+            np.save(folder / f"{frame}.npy", row)
     found = find_clips([tmp_path / "MP_Data" / "hello"])
     assert [clip.name for clip in found] == ["0", "1"]
-    for folder in found:
-        clip = read_clip(folder, up="y")
-        assert (len(clip), clip.joint_names) == (12, LAYOUTS["blazepose_33"])
-        np.testing.assert_allclose(clip.joints, body, atol=1e-5)
+    np.save(tmp_path / "whole.npy", values[1])
+    for file, joints in zip([*found, tmp_path / "whole.npy"], (33, 54, 54), strict=True):
+        clip = read_clip(file, up="y")
+        assert clip.joint_names == LAYOUTS["holistic_75"][:joints]
+        np.testing.assert_allclose(clip.joints[4:], body[4:, :joints], atol=1e-5)
+        assert clip.confidence is not None
+        np.testing.assert_array_equal(clip.confidence[:, :33], 1)
+        np.testing.assert_array_equal(
+            clip.confidence[3:5, 33:], [[0] * (joints - 33), [1] * (joints - 33)]
+        )
     # Numbered clips stay what they are.
     for number in range(3):
         np.save(tmp_path / f"{number}.npy", body)
