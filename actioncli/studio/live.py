@@ -4,11 +4,12 @@ of a camera that was named go to the browser, which then has it as one of its ow
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import struct
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -125,12 +126,24 @@ class Camera:
         return shown
 
 
+@contextlib.asynccontextmanager
+async def _accepted(socket: WebSocket) -> AsyncIterator[None]:
+    """Take a WebSocket; an error is told to the page, and ends it."""
+    await socket.accept(SUBPROTOCOL)
+    try:
+        yield
+    except ActionCliError as error:
+        await _send(socket, {"error": str(error)})
+        await socket.close(1003)
+    except WebSocketDisconnect:
+        return
+
+
 def live_endpoint(actions: Actions) -> Callable[[WebSocket], Awaitable[None]]:
     """The WebSocket of a camera: pictures in, one answer to each out, in order."""
 
     async def live(socket: WebSocket) -> None:
-        await socket.accept(SUBPROTOCOL)
-        try:
+        async with _accepted(socket):
             camera = await asyncio.to_thread(Camera, actions)
             await _send(socket, {"bones": _bones()})
             while True:
@@ -142,11 +155,6 @@ def live_endpoint(actions: Actions) -> Callable[[WebSocket], Awaitable[None]]:
                     await _send(socket, shown)
                 else:
                     camera.tau = _tau(message.get("text") or "")
-        except ActionCliError as error:
-            await _send(socket, {"error": str(error)})
-            await socket.close(1003)
-        except WebSocketDisconnect:
-            return
 
     return live
 
@@ -156,29 +164,23 @@ def source_endpoint(source: str | None) -> Callable[[WebSocket], Awaitable[None]
     there is none, for each message of the page."""
 
     async def shown(socket: WebSocket) -> None:
-        await socket.accept(SUBPROTOCOL)
-        camera: LiveSource | VideoFile | None = None
-        try:
+        async with _accepted(socket):
             if source is None:
                 raise UsageError("No camera was named: `actioncli studio --camera 0` names one.")
             camera = await asyncio.to_thread(open_source, source)
-            pictures = _pictures(camera)
-            while (picture := await asyncio.to_thread(next, pictures, None)) is not None:
-                if picture:
-                    await socket.send_bytes(picture)
-                else:
-                    await _send(socket, {"silent": True})
-                if (await socket.receive())["type"] == "websocket.disconnect":
-                    return
+            try:
+                pictures = _pictures(camera)
+                while (picture := await asyncio.to_thread(next, pictures, None)) is not None:
+                    if picture:
+                        await socket.send_bytes(picture)
+                    else:
+                        await _send(socket, {"silent": True})
+                    if (await socket.receive())["type"] == "websocket.disconnect":
+                        return
+            finally:
+                if isinstance(camera, LiveSource):
+                    await asyncio.to_thread(camera.close)
             raise ClipError(f"{without_password(source)}: the video has ended.")
-        except ActionCliError as error:
-            await _send(socket, {"error": str(error)})
-            await socket.close(1003)
-        except WebSocketDisconnect:
-            return
-        finally:
-            if isinstance(camera, LiveSource):
-                await asyncio.to_thread(camera.close)
 
     return shown
 

@@ -29,14 +29,20 @@ FILM = SHARED / "jumping_jack/afrlW.mp4"
 needs_film = pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
 
 
+@contextmanager
+def connected(client: Client, path: str) -> Iterator[ClientConnection]:
+    """A WebSocket, as the page opens it."""
+    address = f"ws://127.0.0.1:{client.port}{path}"
+    offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
+    origin = Origin(client.headers["Origin"])
+    with connect(address, origin=origin, subprotocols=offered) as connection:
+        assert connection.subprotocol == "actioncli"
+        yield connection
+
+
 @pytest.fixture
 def socket(client: Client) -> Iterator[ClientConnection]:
-    address = f"ws://127.0.0.1:{client.port}/api/live"
-    offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
-    with connect(
-        address, origin=Origin(client.headers["Origin"]), subprotocols=offered
-    ) as connection:
-        assert connection.subprotocol == "actioncli"
+    with connected(client, "/api/live") as connection:
         yield connection
 
 
@@ -138,10 +144,7 @@ def named(studio: Studio, source: str | None) -> Iterator[ClientConnection]:
     with serving(other.app()) as address:
         client = Client(address)
         assert client.get("/api/state")["source"] == source
-        offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
-        origin = Origin(client.headers["Origin"])
-        where = f"ws://127.0.0.1:{client.port}/api/source"
-        with connect(where, origin=origin, subprotocols=offered) as connection:
+        with connected(client, "/api/source") as connection:
             yield connection
     other.close()
 

@@ -107,18 +107,17 @@ def test_only_what_waits_can_be_named(review: tuple[Review, Client], name: str) 
     assert client.ask("POST", f"/api/waiting/{name}", {"decision": "delete"})[0] == 404
 
 
-@pytest.mark.parametrize("size", [DESKTOP, PHONE])
-def test_by_keys_and_clicks(
-    browser: Browser, review: tuple[Review, Client], folder: Path, size: tuple[int, int]
-) -> None:
+def test_by_keys_and_clicks(browser: Browser, review: tuple[Review, Client], folder: Path) -> None:
     behind, client = review
     store: SupportStore = behind.actions.store
-    with opened(browser, client.address, size) as page:
+    with opened(browser, client.address, PHONE) as page:
         title = page.get_by_role("heading", level=2)
         expect(title).to_have_text("1 of 4: event, squat")
         expect(page.get_by_text("Confidence 0.60, τ 0.50; camera 0")).to_be_visible()
         expect(page.get_by_text("example of squat")).to_be_visible()
-        check(page)
+        for width, height in (DESKTOP, PHONE):
+            page.set_viewport_size({"width": width, "height": height})
+            check(page)
         opening = page.get_by_label("Moment").input_value()
         page.get_by_role("button", name="Play or pause").click()
         expect(page.get_by_label("Moment")).not_to_have_value(opening)
