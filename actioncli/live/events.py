@@ -174,7 +174,10 @@ class EventDetector:
                 over += self._tell()
             elif seen.confidence <= match.confidence:
                 continue
-            self.current, self._matched = self._bounded(seen, clip, now), now
+            # The motion in the window bounds the event.
+            start, end = active_part(_window(seen, clip, now), _PAUSE)
+            self.current = Event(seen.label, seen.start + start, seen.start + end, seen.confidence)
+            self._matched = now
             break
         if self.current is not None and now - self._matched > _UNBEATEN - STRIDE / 2:
             over += self._tell()
@@ -207,12 +210,6 @@ class EventDetector:
                 sure = 1 / (1 + ODDS * math.exp(-float(of_row[nearest])))
                 found.append(Candidate(labels[nearest], sure, now - self.windows[row]))
         return sorted(found, key=lambda seen: -seen.confidence)
-
-    @staticmethod
-    def _bounded(seen: Candidate, clip: Clip, now: float) -> Event:
-        """A match from when to when the person moves in its window."""
-        start, end = active_part(_window(seen, clip, now), _PAUSE)
-        return Event(seen.label, seen.start + start, seen.start + end, seen.confidence)
 
 
 def _window(seen: Candidate, clip: Clip, now: float) -> Clip:
