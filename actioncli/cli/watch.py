@@ -182,9 +182,15 @@ def watch(
     if page:
         from actioncli.cli.studio import serve
 
-        given = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep, "csv": table}
-        given |= {"srt": subtitles, "annotate": annotate, "record": record, "facing": facing}
-        given |= {"sets": not each, "tau": tau, "hands": hands, "weights": weights}
+        given: dict[str, object] = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep}
+        given |= {"csv": table, "srt": subtitles, "annotate": annotate, "record": record}
+        given |= {
+            "facing": facing,
+            "sets": not each,
+            "tau": tau,
+            "hands": hands,
+            "weights": weights,
+        }
         for option, value in given.items():
             if value not in (None, False):
                 raise UsageError(f"--page shows what is told, and takes no --{option}.")
