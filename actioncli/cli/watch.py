@@ -182,16 +182,10 @@ def watch(
     if page:
         from actioncli.cli.studio import serve
 
-        given: dict[str, object] = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep}
-        given |= {"csv": table, "srt": subtitles, "annotate": annotate, "record": record}
-        given |= {
-            "facing": facing,
-            "sets": not each,
-            "tau": tau,
-            "hands": hands,
-            "weights": weights,
-        }
-        for option, value in given.items():
+        names = "exec mqtt webhook beep csv srt annotate record facing sets tau hands weights"
+        given = (execute, mqtt, webhook, beep, table, subtitles, annotate, record, facing)
+        others = (not each, tau, hands, weights)
+        for option, value in zip(names.split(), (*given, *others), strict=True):
             if value not in (None, False):
                 raise UsageError(f"--page shows what is told, and takes no --{option}.")
         serve(settings, camera=source)
