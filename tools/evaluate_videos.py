@@ -218,7 +218,8 @@ def counting(
 ) -> list[str]:
     """Rows: tau, and how well sets are counted in all videos joined to one.
 
-    For each set its action is enrolled by one of its repetitions, beside three other actions. Other people's performances of these actions are left out of account.
+    For each set its action is enrolled by one of its repetitions, beside three other actions. Other
+    people's performances of these actions are left out of account.
     """
     with COUNTED.open(newline="") as file:
         rows = {row["video"]: row for row in csv.DictReader(file)}
