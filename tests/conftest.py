@@ -12,6 +12,8 @@ import pytest
 from cases import TIMES, cases
 from hypothesis import Phase, settings
 
+from actioncli import Recognizer, SupportStore
+
 # Training needs the extra `train`; all else is tested without it too.
 collect_ignore = [] if find_spec("torch") else ["training"]
 
@@ -40,6 +42,18 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(f"needs the recorded collections in {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def recognizer() -> Recognizer:
+    """With the shipped weights."""
+    return Recognizer()
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SupportStore:
+    """A store that does not exist yet, in a folder that does not either."""
+    return SupportStore(tmp_path / "home" / "support.db")
 
 
 @pytest.fixture(scope="session")

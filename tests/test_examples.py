@@ -72,11 +72,6 @@ def test_folder_reads_as_a_collection() -> None:
     assert sorted(collection.labels) == sorted(action for action, *_ in make_examples.CLIPS)
 
 
-@pytest.fixture(scope="module")
-def recognizer() -> actioncli.Recognizer:
-    return actioncli.Recognizer()
-
-
 @pytest.mark.parametrize(
     ("query", "label"),
     [

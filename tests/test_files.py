@@ -48,6 +48,9 @@ def test_actioncli_home_names_the_folder(kind: str, monkeypatch: pytest.MonkeyPa
     assert user_folder(kind) == Path.home() / "actions"  # type: ignore[arg-type]
     monkeypatch.setenv("ACTIONCLI_HOME", "here")
     assert user_folder(kind) == Path.cwd() / "here"  # type: ignore[arg-type]
+    monkeypatch.setenv("ACTIONCLI_HOME", "~nobody-of-this-name/actions")
+    with pytest.raises(NoHomeError, match="names no folder"):
+        user_folder(kind)  # type: ignore[arg-type]
     monkeypatch.delenv("ACTIONCLI_HOME")
     assert user_folder(kind).is_absolute()  # type: ignore[arg-type]
 

@@ -10,17 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import actioncli
 from actioncli import Clip, Recognizer, SupportSet, SupportStore, enrol, read_clip
 from actioncli.archives.batch import Task
 from actioncli.recognition.decision import Decision
 from actioncli.recognition.threshold import Threshold, keep_threshold
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-
-
-@pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
 
 
 @pytest.fixture
@@ -83,8 +79,7 @@ def test_all_front_ends_answer_alike(
     by_library = recognizer.classify(clip, store.support(), tau, store.negatives())
     assert of(by_library) == of(wanted)
 
-    studio = pytest.importorskip("actioncli.studio.support", reason="needs the extra studio")
-    assert of(studio.SharedSupport(store.path).classify(clip)) == of(wanted)
+    assert of(actioncli.open(store.path).classify(clip)) == of(wanted)  # as the studio does
 
     row = Task(support).row(str(query))
     assert (row["label"], row["confidence"], row["part_start"]) == (

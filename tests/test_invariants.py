@@ -30,11 +30,6 @@ ROUNDING = 1e-5
 FAR = 2e-3
 
 
-@pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
-
-
 def default_joints(file: Path) -> Clip:
     clip = read_clip(file)
     joints = select_joints(clip.joints, clip.joint_names, DEFAULT_JOINTS)

@@ -7,13 +7,13 @@ import enum
 import inspect
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from typer.testing import CliRunner
+
 import actioncli
-from actioncli.cli.app import COMMANDS
+from actioncli.cli.app import COMMANDS, app
 
 if TYPE_CHECKING:
     from mkdocs.structure.files import Files
@@ -26,15 +26,14 @@ _ENTRY = re.compile(r"^([\w*]+(?:, [\w*]+)*): (.*)$")
 
 def commands() -> str:
     """The page of all commands."""
-    place = {**os.environ, "COLUMNS": "100", "TERM": "dumb"}
+    # Nothing of this machine may show in defaults.
+    place: dict[str, str | None] = {
+        name: None for name in os.environ if name.startswith("ACTIONCLI_")
+    } | {"TERM": "dumb", "ACTIONCLI_HOME": os.devnull}
 
     def help_of(*words: str) -> str:
-        line = [sys.executable, "-m", "actioncli", *words, "--help"]
-        # Nothing of this machine may show in defaults.
-        env = {name: text for name, text in place.items() if not name.startswith("ACTIONCLI_")}
-        env["ACTIONCLI_HOME"] = os.devnull
-        done = subprocess.run(line, env=env, capture_output=True, text=True, check=True)
-        return done.stdout.strip()
+        line = [*words, "--help"]
+        return CliRunner(env=place).invoke(app, line, prog_name="actioncli").stdout.strip()
 
     page = ["# Commands", "What `actioncli COMMAND --help` says."]
     page += ["## actioncli", fenced(help_of())]

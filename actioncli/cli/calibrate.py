@@ -160,7 +160,7 @@ def calibrate(
     if not 0 < target_far < 1:
         raise UsageError(f"--target-far must lie between 0 and 1, not {target_far:g}.")
     if report is not None:
-        from actioncli.report.figures import check_folder
+        from actioncli.report.calibration import check_folder
 
         check_folder(report)
     from actioncli.calibration import threshold as calibration

@@ -260,8 +260,7 @@ def _explain(
         SupportError: the action was removed meanwhile.
     """
     from actioncli.recognition.explanation import explain_decision
-    from actioncli.report.contributions import Explained
-    from actioncli.report.explanation import SHOWN, Neighbour, write_explanation
+    from actioncli.report.explanation import SHOWN, Explained, Neighbour, write_explanation
 
     recognizer = support.recognizer
     with settings.open_store() as store:

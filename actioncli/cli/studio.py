@@ -18,6 +18,7 @@ from actioncli.cli.output import note, say
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
+    from actioncli.actions import Actions
     from actioncli.studio.server import Server
     from actioncli.studio.upload_folder import UploadFolder
 
@@ -83,12 +84,10 @@ def serve(
     """
     check_extra()
     from actioncli.studio.app import Studio
-    from actioncli.studio.support import SharedSupport
 
-    support = SharedSupport(settings.store)
-    support.state()  # a store that cannot be read is reported here, not on the page
+    actions = _actions(settings)
     with _served(settings, port, open_page) as (server, uploads):
-        behind = Studio(support, uploads, source=camera)
+        behind = Studio(actions, uploads, source=camera)
         try:
             server.run(behind.app())
         finally:
@@ -105,14 +104,20 @@ def review_page(settings: Settings, folder: Path, port: int, open_page: bool) ->
     check_extra()
     from actioncli.live.recorder import kept_clips
     from actioncli.studio.review import Review
-    from actioncli.studio.support import SharedSupport
 
     kept_clips(folder)
-    behind = Review(SharedSupport(settings.store), folder)
-    behind.support.state()
+    behind = Review(_actions(settings), folder)
     with _served(settings, port, open_page) as (server, _):
         server.run(behind.app())
     return behind.done
+
+
+def _actions(settings: Settings) -> Actions:
+    from actioncli.actions import open
+
+    actions = open(settings.store)
+    _ = actions.support  # a store that cannot be read is reported here, not on the page
+    return actions
 
 
 def check_extra() -> None:

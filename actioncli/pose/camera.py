@@ -44,7 +44,7 @@ _LAST_FRAME = 1.0
 
 def is_device(path: Path) -> bool:
     """Whether a path is a camera's: one that is not there, or no more, is no file either."""
-    return path.is_char_device() or path.parts[:2] == ("/", "dev")
+    return path.is_char_device() or (path.parts[:2] == ("/", "dev") and not path.is_file())
 
 
 def open_source(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import csv
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,15 @@ import numpy as np
 
 from actioncli.calibration.threshold import Calibration
 from actioncli.calibration.trials import KNOWN, Trials
-from actioncli.report.figures import Row, write_folder
+from actioncli.errors import UsageError
+from actioncli.files import csv_cell, json_text, replacing
 from actioncli.report.page import page, table
 from actioncli.report.plots import SHARES, Axis, Plot, fitting
+
+Row = dict[str, Any]
+
+# The page of a report; `figures.json` also marks a folder as one.
+PAGE, FIGURES = "index.html", "figures.json"
 
 _GRID = np.linspace(0, 1, 101)
 _BINS = np.linspace(0, 1, 21)
@@ -165,3 +172,57 @@ def _cell(rate: Mapping[str, Any]) -> str:
 
 def _is_recommended(line: Mapping[str, Any], found: Calibration) -> bool:
     return found.measured and bool(np.isclose(line["tau"], found.tau))
+
+
+def check_folder(folder: Path) -> None:
+    """Find out whether a report could be written there, before any work.
+
+    Raises:
+        UsageError: it is no folder, or one that holds something else.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder}: a report is a folder; this is a file.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / FIGURES).is_file():
+        raise UsageError(f"{folder}: holds something else; give a new folder for the report.")
+
+
+def write_folder(
+    folder: Path,
+    html: str,
+    document: Mapping[str, Any],
+    rows: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> Path:
+    """Write a page, `figures.json` and, by name, the rows of CSV files; the page's path.
+
+    Raises:
+        UsageError: as `check_folder`, or the files cannot be written.
+    """
+    check_folder(folder)
+    text = json_text(document, indent=1)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # The folder may be shared: what lies there under these names is replaced, links too.
+        with replacing(folder / FIGURES) as part:
+            part.write_text(f"{text}\n", encoding="utf-8")
+        for name, lines in rows.items():
+            with replacing(folder / f"{name}.csv") as part:
+                write_csv(part, lines)
+        with replacing(folder / PAGE) as part:
+            part.write_text(html, encoding="utf-8")
+    except OSError as error:
+        where = error.filename or folder
+        raise UsageError(f"{where}: cannot be written: {error.strerror or error}.") from error
+    return folder / PAGE
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows of equal keys under a header; nothing but an empty file where there are none.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
+        if rows:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows({key: csv_cell(value) for key, value in row.items()} for row in rows)

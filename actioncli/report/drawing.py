@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from types import MappingProxyType
 from typing import Literal
 
 Role = Literal["paper", "ink", "muted", "ground", "left", "right", "middle"]
@@ -14,28 +13,26 @@ Theme = Literal["light", "dark"]
 
 # Left and right after Okabe and Ito's colours, which differ for every kind of colour vision and
 # in grey; lighter ones on dark paper.
-PALETTES: Mapping[Theme, Mapping[Role, str]] = MappingProxyType(
-    {
-        "light": {
-            "paper": "#ffffff",
-            "ink": "#1c2024",
-            "muted": "#5f6872",
-            "ground": "#dfe3e7",
-            "left": "#0072b2",
-            "right": "#d55e00",
-            "middle": "#3f464d",
-        },
-        "dark": {
-            "paper": "#14171a",
-            "ink": "#e8eaed",
-            "muted": "#a0a8b0",
-            "ground": "#31373d",
-            "left": "#56b4e9",
-            "right": "#f29544",
-            "middle": "#c8ced4",
-        },
-    }
-)
+PALETTES: Mapping[Theme, Mapping[Role, str]] = {
+    "light": {
+        "paper": "#ffffff",
+        "ink": "#1c2024",
+        "muted": "#5f6872",
+        "ground": "#dfe3e7",
+        "left": "#0072b2",
+        "right": "#d55e00",
+        "middle": "#3f464d",
+    },
+    "dark": {
+        "paper": "#14171a",
+        "ink": "#e8eaed",
+        "muted": "#a0a8b0",
+        "ground": "#31373d",
+        "left": "#56b4e9",
+        "right": "#f29544",
+        "middle": "#c8ced4",
+    },
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +88,7 @@ def svg(drawing: Drawing, theme: Theme | None = None) -> str:
         style += f"@media (prefers-color-scheme:dark){{{dark}}}"
     size = f"{drawing.width:g} {drawing.height:g}"
     title = escape(drawing.title)
-    body = elements(drawing.shapes)
+    body = "\n".join(map(_element, drawing.shapes))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}" width="{drawing.width:g}" '
         f'height="{drawing.height:g}" role="img" aria-label="{title}">\n<title>{title}</title>\n'
@@ -99,11 +96,6 @@ def svg(drawing: Drawing, theme: Theme | None = None) -> str:
         "line{stroke-linecap:round}</style>\n"
         f'<rect width="100%" height="100%" fill="var(--paper)"/>\n{body}\n</svg>\n'
     )
-
-
-def elements(shapes: Sequence[Shape]) -> str:
-    """Shapes as SVG elements, for a picture whose colours are the variables of its roles."""
-    return "\n".join(map(_element, shapes))
 
 
 def _variables(palette: Mapping[Role, str]) -> str:

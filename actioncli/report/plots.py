@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from html import escape
 
@@ -55,29 +55,21 @@ class Plot:
     _marks: list[str] = field(default_factory=list)
     _legend: list[tuple[int, str]] = field(default_factory=list)
 
-    def line(
-        self, xs: ArrayLike, ys: ArrayLike, series: int, name: str, radii: Sequence[float] = ()
-    ) -> None:
-        """A line through points, in the legend if it has a name; dots where radii are given."""
-        points = self._points(xs, ys)
-        joined = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    def line(self, xs: ArrayLike, ys: ArrayLike, series: int, name: str) -> None:
+        """A line through points, in the legend if it has a name."""
+        joined = _joined(self._points(xs, ys))
         self._marks.append(
             f'<polyline points="{joined}" fill="none" stroke="var(--s{series})" '
             f'stroke-width="2" stroke-dasharray="{_DASHES[series]}" stroke-linejoin="round">'
             f"<title>{escape(name)}</title></polyline>"
         )
-        self._marks += [
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="var(--s{series})" '
-            'opacity="0.5"/>'
-            for (x, y), radius in zip(points, radii, strict=False)
-        ]
         if name:
             self._legend.append((series, name))
 
     def band(self, xs: ArrayLike, lows: ArrayLike, highs: ArrayLike, series: int) -> None:
         """The area between two lines."""
         around = [*self._points(xs, highs), *reversed(self._points(xs, lows))]
-        joined = " ".join(f"{x:.1f},{y:.1f}" for x, y in around)
+        joined = _joined(around)
         self._marks.append(f'<polygon points="{joined}" fill="var(--s{series})" opacity="0.15"/>')
 
     def steps(self, edges: ArrayLike, shares: ArrayLike, series: int, name: str) -> None:
@@ -168,3 +160,7 @@ class Plot:
     def _points(self, xs: ArrayLike, ys: ArrayLike) -> list[tuple[float, float]]:
         pairs = zip(np.asarray(xs, float), np.asarray(ys, float), strict=True)
         return [self._place(float(x), float(y)) for x, y in pairs]
+
+
+def _joined(points: Iterable[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)

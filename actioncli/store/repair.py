@@ -24,12 +24,11 @@ from actioncli.errors import ActionCliError, StoreError
 from actioncli.files import lock_bytes, replace_open, sync_folder
 from actioncli.store.backup import backup_path, is_lost, make_backup
 from actioncli.store.database import LONGEST_ROW, writing
-from actioncli.store.examples import insert_as, read_record
+from actioncli.store.examples import insert_as, read_record, require_label
 from actioncli.store.faults import system_fault
 from actioncli.store.health import damage
 from actioncli.store.location import beside, exists, prepare
 from actioncli.store.migrations import MIGRATIONS, is_as_made
-from actioncli.store.names import check_label
 from actioncli.store.record import COLUMNS, Record, find_flaw
 from actioncli.store.settings import intact_setting, put_setting
 
@@ -252,23 +251,16 @@ class _Readable:
         """Settings by name; None for one that is damaged."""
         names, _ = self._rows("SELECT name FROM settings ORDER BY name")
         rows, _ = self._rows("SELECT name, value, crc FROM settings NOT INDEXED")
-        found = dict.fromkeys(
-            name for (name,) in names if isinstance(name, str) and name.isprintable()
-        )
-        return found | {
-            name: value for name, value, crc in rows if intact_setting(name, value, crc)
-        }
+        texts = [name for (name,) in names if isinstance(name, str) and name.isprintable()]
+        found = dict[str, str | None].fromkeys(texts)
+        return found | {row[0]: row[1] for row in rows if intact_setting(*row)}
 
 
 def _could_be(number: object, label: object) -> bool:
     """Whether an identifier and a label could be those of an example."""
-    with suppress(ActionCliError):
-        return (
-            isinstance(number, int)
-            and 0 < number < 2**31
-            and isinstance(label, str)
-            and check_label(label) == label
-        )
+    with suppress(sqlite3.DatabaseError):
+        require_label(label)
+        return isinstance(number, int) and 0 < number < 2**31
     return False
 
 

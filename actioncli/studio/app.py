@@ -12,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 
+from actioncli.actions import Actions
 from actioncli.clips.active import one_repetition
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import SupportError, UsageError
@@ -19,8 +20,6 @@ from actioncli.files import examples_folder
 from actioncli.pose import without_password
 from actioncli.pose.read import ReadOptions
 from actioncli.recognition.threshold import Threshold, keep_threshold, rename_action
-from actioncli.report.figure import figure
-from actioncli.report.page import playable
 from actioncli.studio.live import live_endpoint, source_endpoint
 from actioncli.studio.measure import Measurement
 from actioncli.studio.responses import (
@@ -29,8 +28,8 @@ from actioncli.studio.responses import (
     checked_tau,
     decision_entry,
     json_object,
+    moving,
 )
-from actioncli.studio.support import SharedSupport
 from actioncli.studio.upload_folder import UploadFolder, receive
 from actioncli.studio.uploads import Uploads, check_kind
 
@@ -53,20 +52,20 @@ class Studio:
     """Everything behind the page; `close` it when it is no longer served.
 
     Attributes:
-        support: what is enrolled.
+        actions: what is enrolled.
         upload_folder: where uploads lie while they are read.
         limit: bytes of an upload.
         source: a camera beside the browser's own, see `open_source`.
     """
 
-    support: SharedSupport
+    actions: Actions
     upload_folder: UploadFolder
     limit: int = LARGEST_UPLOAD
     source: str | None = None
 
     def __post_init__(self) -> None:
-        self.uploads = Uploads(self.support.recognizer)
-        self.measurement = Measurement(self.support)
+        self.uploads = Uploads(self.actions.recognizer)
+        self.measurement = Measurement(self.actions)
 
     def close(self) -> None:
         """Stop what is going on; nothing is written to the private folder any more."""
@@ -91,25 +90,38 @@ class Studio:
                 Route("/api/measurement", self.measured),
                 Route("/api/tau", self.keep_tau, methods=["PUT"]),
                 Route("/api/export", self.export),
-                WebSocketRoute("/api/live", live_endpoint(self.support)),
+                WebSocketRoute("/api/live", live_endpoint(self.actions)),
                 WebSocketRoute("/api/source", source_endpoint(self.source)),
             ],
         )
 
     def state(self, request: Request) -> Response:
         """What is enrolled; nothing new where the page names the version that it has."""
-        version = self.support.version
+        version, support = self.actions.version, self.actions.support
         if request.query_params.get("version") == version:
             return AsciiJson({"version": version})
-        source = self.source and without_password(self.source)
-        offered = {
-            "limit": self.limit, "layouts": list(LAYOUTS), "source": source, "samples": SAMPLES,
-        }  # fmt: skip
-        return AsciiJson({**self.support.state(), **offered})
+        actions: dict[str, dict[str, Any]] = {}
+        for each in support.examples:
+            action = {"label": each.label, "negative": each.negative, "examples": []}
+            actions.setdefault(each.label, action)["examples"].append(each.to_json())
+        state = {
+            "version": version,
+            "store": str(self.actions.store.path),
+            "actions": list(actions.values()),
+            "tau": support.threshold.tau,
+            "kept": support.stored_threshold is support.threshold,
+            "automatic": support.threshold.automatic,
+            "own": len(support.threshold.actions),
+            "limit": self.limit,
+            "layouts": list(LAYOUTS),
+            "source": self.source and without_password(self.source),
+            "samples": SAMPLES,
+        }
+        return AsciiJson(state)
 
     def example_figure(self, request: Request) -> Response:
         """The skeleton of an example."""
-        return AsciiJson(self.support.figure(request.path_params["id"]))
+        return AsciiJson(moving(self.actions.store.clip(request.path_params["id"])))
 
     def sample(self, request: Request) -> Response:
         """A clip that came along, as if the page's user had it as a file."""
@@ -123,14 +135,14 @@ class Studio:
         """Delete an action, or one of its examples."""
         label = _text(await json_object(request), "label")
         example = request.path_params.get("id")
-        removed = await asyncio.to_thread(self.support.store.remove, label, example)
+        removed = await asyncio.to_thread(self.actions.store.remove, label, example)
         return AsciiJson({"removed": removed})
 
     async def rename_action(self, request: Request) -> Response:
         """Give an action another name."""
         asked = await json_object(request)
         old, new = _text(asked, "label"), _text(asked, "new")
-        renamed = await asyncio.to_thread(rename_action, self.support.store, old, new)
+        renamed = await asyncio.to_thread(rename_action, self.actions.store, old, new)
         return AsciiJson({"examples": renamed})
 
     async def upload(self, request: Request) -> Response:
@@ -154,14 +166,14 @@ class Studio:
         if message := upload.error():
             return AsciiJson({**entry, "state": "failed", "message": message})
         clip = upload.clip()
-        support = self.support.support
+        support = self.actions.support
         decision = support.classify(clip, upload.whole) if support.actions else None
         entry |= {
             "state": "ready",
             "frames": len(clip),
             "seconds": clip.duration,
             "notes": list(clip.notes),
-            "figure": playable(figure(clip)),
+            "figure": moving(clip),
             "decision": decision_entry(decision),
         }
         return AsciiJson(entry)
@@ -179,7 +191,7 @@ class Studio:
         number = request.path_params["id"]
         upload = self.uploads.get(number)
         clip = upload.clip() if upload.whole else one_repetition(upload.clip())
-        [enrolled] = await asyncio.to_thread(self.support.enrol, label, clip, negative=negative)
+        [enrolled] = await asyncio.to_thread(self.actions.enrol, label, clip, negative=negative)
         self.uploads.discard(number)
         told = {"warnings": list(enrolled.told)}
         return AsciiJson({"label": enrolled.label, **enrolled.to_json(), **told})
@@ -191,9 +203,9 @@ class Studio:
     async def keep_tau(self, request: Request) -> Response:
         """Use a threshold from now on, here and in the commands; null forgets it."""
         tau = checked_tau((await json_object(request)).get("tau"))
-        checksum = self.support.recognizer.weights.checksum
+        checksum = self.actions.recognizer.weights.checksum
         threshold = None if tau is None else Threshold(tau, checksum)
-        await asyncio.to_thread(keep_threshold, self.support.store, threshold)
+        await asyncio.to_thread(keep_threshold, self.actions.store, threshold)
         return AsciiJson({"tau": tau})
 
     def export(self, request: Request) -> Response:
@@ -201,7 +213,7 @@ class Studio:
         file = self.upload_folder.file(".safetensors")
         file.unlink()
         try:
-            self.support.store.export(file)
+            self.actions.store.export(file)
             return Response(file.read_bytes(), media_type="application/octet-stream")
         finally:
             file.unlink(missing_ok=True)

@@ -4,11 +4,12 @@ of a camera that was named go to the browser, which then has it as one of its ow
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import struct
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -16,6 +17,7 @@ import cv2
 import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from actioncli.actions import Actions
 from actioncli.errors import ActionCliError, ClipError, UsageError
 from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream
@@ -29,7 +31,6 @@ from actioncli.pose.video import DEFAULT_QUALITY
 from actioncli.recognition.support import SupportSet
 from actioncli.studio.guard import SUBPROTOCOL
 from actioncli.studio.responses import checked_tau
-from actioncli.studio.support import SharedSupport
 
 # A message is the picture's time, in seconds, as a little-endian double, and the picture as JPEG.
 _TIME = struct.Struct("<d")
@@ -47,13 +48,13 @@ class Camera:
         tau: the threshold that is tried; None is the one in use.
     """
 
-    def __init__(self, support: SharedSupport) -> None:
+    def __init__(self, actions: Actions) -> None:
         """Load the pose networks.
 
         Raises:
             WeightsError: one is missing or damaged.
         """
-        self._support = support
+        self._actions = actions
         self.tau: float | None = None
         self._detector: EventDetector | None = None
         self._used: tuple[SupportSet, float | None] | None = None
@@ -92,7 +93,7 @@ class Camera:
 
     def _follow_support(self) -> None:
         """What is enrolled may change while the camera runs."""
-        loaded = self._support.support
+        loaded = self._actions.support
         if self._used == (loaded, self.tau):
             return
         self._used = loaded, self.tau
@@ -125,13 +126,25 @@ class Camera:
         return shown
 
 
-def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[None]]:
+@contextlib.asynccontextmanager
+async def _accepted(socket: WebSocket) -> AsyncIterator[None]:
+    """Take a WebSocket; an error is told to the page, and ends it."""
+    await socket.accept(SUBPROTOCOL)
+    try:
+        yield
+    except ActionCliError as error:
+        await _send(socket, {"error": str(error)})
+        await socket.close(1003)
+    except WebSocketDisconnect:
+        return
+
+
+def live_endpoint(actions: Actions) -> Callable[[WebSocket], Awaitable[None]]:
     """The WebSocket of a camera: pictures in, one answer to each out, in order."""
 
     async def live(socket: WebSocket) -> None:
-        await socket.accept(SUBPROTOCOL)
-        try:
-            camera = await asyncio.to_thread(Camera, support)
+        async with _accepted(socket):
+            camera = await asyncio.to_thread(Camera, actions)
             await _send(socket, {"bones": _bones()})
             while True:
                 message = await socket.receive()
@@ -142,11 +155,6 @@ def live_endpoint(support: SharedSupport) -> Callable[[WebSocket], Awaitable[Non
                     await _send(socket, shown)
                 else:
                     camera.tau = _tau(message.get("text") or "")
-        except ActionCliError as error:
-            await _send(socket, {"error": str(error)})
-            await socket.close(1003)
-        except WebSocketDisconnect:
-            return
 
     return live
 
@@ -156,29 +164,23 @@ def source_endpoint(source: str | None) -> Callable[[WebSocket], Awaitable[None]
     there is none, for each message of the page."""
 
     async def shown(socket: WebSocket) -> None:
-        await socket.accept(SUBPROTOCOL)
-        camera: LiveSource | VideoFile | None = None
-        try:
+        async with _accepted(socket):
             if source is None:
                 raise UsageError("No camera was named: `actioncli studio --camera 0` names one.")
             camera = await asyncio.to_thread(open_source, source)
-            pictures = _pictures(camera)
-            while (picture := await asyncio.to_thread(next, pictures, None)) is not None:
-                if picture:
-                    await socket.send_bytes(picture)
-                else:
-                    await _send(socket, {"silent": True})
-                if (await socket.receive())["type"] == "websocket.disconnect":
-                    return
+            try:
+                pictures = _pictures(camera)
+                while (picture := await asyncio.to_thread(next, pictures, None)) is not None:
+                    if picture:
+                        await socket.send_bytes(picture)
+                    else:
+                        await _send(socket, {"silent": True})
+                    if (await socket.receive())["type"] == "websocket.disconnect":
+                        return
+            finally:
+                if isinstance(camera, LiveSource):
+                    await asyncio.to_thread(camera.close)
             raise ClipError(f"{without_password(source)}: the video has ended.")
-        except ActionCliError as error:
-            await _send(socket, {"error": str(error)})
-            await socket.close(1003)
-        except WebSocketDisconnect:
-            return
-        finally:
-            if isinstance(camera, LiveSource):
-                await asyncio.to_thread(camera.close)
 
     return shown
 

@@ -6,10 +6,10 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from actioncli.actions import Actions
 from actioncli.calibration.threshold import recommend
 from actioncli.calibration.trials import run_trials
 from actioncli.recognition.support import SupportSet
-from actioncli.studio.support import SharedSupport
 
 # Positions of the slider.
 STEPS = 100
@@ -24,9 +24,9 @@ class _OutdatedError(Exception):
 class Measurement:
     """Measures in the background, once for every state of the support set that is asked about."""
 
-    def __init__(self, support: SharedSupport) -> None:
+    def __init__(self, actions: Actions) -> None:
         """Nothing is measured until somebody asks."""
-        self._support = support
+        self._actions = actions
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._wanted: list[tuple[str, bool, str]] | None = None
@@ -42,7 +42,7 @@ class Measurement:
         Raises:
             StoreError: the store cannot be read.
         """
-        loaded = self._support.support
+        loaded = self._actions.support
         if not loaded.actions:
             return {"state": "nothing"}
         # Another threshold, or embeddings that were written, change nothing that is measured.
@@ -65,7 +65,7 @@ class Measurement:
             thread.join()
 
     def _measure(self, loaded: SupportSet, content: list[tuple[str, bool, str]]) -> None:
-        recognizer = self._support.recognizer
+        recognizer = self._actions.recognizer
 
         def progress(numbers: Sequence[int]) -> Iterator[int]:
             for done, number in enumerate(numbers):

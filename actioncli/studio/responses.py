@@ -12,9 +12,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from actioncli.clips.clip import Clip
 from actioncli.errors import ActionCliError, ClipError, StoreError, SupportError, UsageError
 from actioncli.files import json_text
 from actioncli.recognition.decision import Decision
+from actioncli.report.figure import figure
+from actioncli.report.page import playable
 from actioncli.studio.upload_folder import TooLargeError
 
 # The first that fits.
@@ -66,6 +69,11 @@ def decision_entry(decision: Decision | None) -> dict[str, Any] | None:
     if decision is None:
         return None
     return {**decision.to_json(), "negative_is_nearer": decision.negative_is_nearer}
+
+
+def moving(clip: Clip) -> dict[str, Any]:
+    """A clip's figure as a player takes it."""
+    return playable(figure(clip))
 
 
 async def json_object(request: Request) -> dict[str, Any]:

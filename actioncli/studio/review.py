@@ -12,13 +12,11 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from actioncli.actions import Actions
 from actioncli.clips.active import one_repetition
 from actioncli.errors import SupportError, UsageError
 from actioncli.live.recorder import Kept, kept_clips
-from actioncli.report.figure import figure
-from actioncli.report.page import playable
-from actioncli.studio.responses import AsciiJson, application, json_object
-from actioncli.studio.support import SharedSupport
+from actioncli.studio.responses import AsciiJson, application, json_object, moving
 
 
 @dataclass(eq=False)
@@ -30,7 +28,7 @@ class Review:
             (`delete`).
     """
 
-    support: SharedSupport
+    actions: Actions
     folder: Path
     done: Counter[str] = field(default_factory=Counter)
 
@@ -47,12 +45,12 @@ class Review:
 
     def waiting(self, request: Request) -> Response:
         """All clips that wait, in the order of recording."""
-        actions = self.support.store.actions()
+        enrolled = self.actions.store.actions()
         return AsciiJson(
             {
                 "folder": str(self.folder),
-                "store": str(self.support.store.path),
-                "labels": [action.label for action in actions if not action.negative],
+                "store": str(self.actions.store.path),
+                "labels": [action.label for action in enrolled if not action.negative],
                 "clips": [
                     {**kept.to_json(), "file": kept.file.name} for kept in kept_clips(self.folder)
                 ],
@@ -62,10 +60,10 @@ class Review:
     def clip(self, request: Request) -> Response:
         """A clip in motion, and an example of the action that it was taken for."""
         kept = self._kept(request)
-        drawn = playable(figure(kept.clip()))
+        drawn = moving(kept.clip())
         try:
-            first = self.support.store.examples(kept.label)[0].id
-            example = self.support.figure(first)
+            first = self.actions.store.examples(kept.label)[0].id
+            example = moving(self.actions.store.clip(first))
         except SupportError:  # the action is not enrolled any more
             example = None
         return AsciiJson({"figure": drawn, "example": example})
@@ -85,7 +83,7 @@ class Review:
         warnings: list[str] = []
         if decision != "delete":
             clip = one_repetition(kept.clip())
-            enrolled = self.support.enrol(
+            enrolled = self.actions.enrol(
                 label, clip, note=kept.origin, negative=decision == "negative"
             )[0]
             warnings = [*clip.notes, *enrolled.told]

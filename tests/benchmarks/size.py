@@ -131,7 +131,7 @@ def curve(found: dict[tuple[int, int], dict[str, float]]) -> str:
         fitting("seconds of processor time", 0, max(found[s][k] for s in sizes for k, _ in drawn)),
     )
     for series, (key, name) in enumerate(drawn):
-        plot.line(xs, [found[size][key] for size in sizes], series, name, [4.0] * len(xs))
+        plot.line(xs, [found[size][key] for size in sizes], series, name)
     drawing = re.search(r"<svg.*?</svg>", plot.html(), re.S)
     assert drawing
     legend = "".join(

@@ -79,16 +79,6 @@ def test_what_suits(given: Trials, tau: float, said: str) -> None:
         assert (right <= found).sum() <= 0.1 * len(right)
 
 
-@pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> SupportStore:
-    return SupportStore(tmp_path / "support.db")
-
-
 def test_one_example_of_unlike_actions_leaves_it(
     store: SupportStore, recognizer: Recognizer
 ) -> None:

@@ -77,16 +77,6 @@ def test_thresholds_are_those_of_the_actions() -> None:
     ]
 
 
-@pytest.fixture
-def store(tmp_path: Path) -> SupportStore:
-    return SupportStore(tmp_path / "support.db")
-
-
-@pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
-
-
 def test_clips_are_kept_with_their_embeddings_in_one_transaction(
     store: SupportStore, recognizer: Recognizer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -112,6 +112,7 @@ class Round:
         self.pipes: dict[int, tuple[Report, bytearray]] = {}
         self.selector = selectors.DefaultSelector()
         self.initial: State = {}
+        self.tau: float | None = 0.0
         self.refusals = False
 
     def run(self) -> str:
@@ -132,7 +133,7 @@ class Round:
 
     def kill(self) -> None:
         """A few processes, each killed at a random moment of what it does."""
-        self.fill()
+        self.fill_or_not()
         for turn in range(self.random.randint(2, 4)):
             count = self.random.choice([1, 1, 2, 3])
             for place in range(count):
@@ -143,7 +144,7 @@ class Round:
 
     def crowd(self) -> None:
         """Sixteen processes at once; some of them are killed."""
-        self.fill()
+        self.fill_or_not()
         for place in range(16):
             self.start(f"{place}", steps=self.random.randint(2, 4))
         for report in self.random.sample(self.workers, self.random.choice([0, 4, 8])):
@@ -347,7 +348,12 @@ class Round:
         self.initial = {"there before": numbers}
         self.store.enroll_all([("there before", make_clip(each, 6)) for each in numbers])
         keep_threshold(self.store, Threshold(0.5, "w"))
-        self.tau: float | None = 0.5
+        self.tau = 0.5
+
+    def fill_or_not(self) -> None:
+        """Or the processes are the first ones, and make folder, file and tables."""
+        if self.random.random() < 0.5:
+            self.fill()
 
     def tau_of(self, count: int) -> float | None:
         """The threshold that stands, for the only worker that may change it."""
@@ -470,19 +476,22 @@ class Round:
             assert any(sums(state, frames) == mine for state in states), (
                 f"worker {name} has {mine}, acknowledged was {report.state}, begun {report.pending}"
             )
-            # An export that was acknowledged is whole, and holds what was there.
+            # An export that was acknowledged is there, is whole, and holds what was there.
             for number, state in report.exports.items():
                 file = Path(report.task.folder) / f"{name}{number}.safetensors"
                 mine = by_label(read_archive(file), name)
                 assert sums(state, frames) == mine, f"{file.name} holds {mine}, not {state}"
+            for file in Path(report.task.folder).glob(f"{name}*.safetensors"):
+                list(read_archive(file))
         names = (*(f"{report.task.name} " for report in self.workers), *self.initial)
         nobodys = [label for label in held if not label.startswith(names)]
         assert not nobodys, f"labels of nobody: {nobodys}"
         copy = SupportStore(backup_path(self.store.path))
         kept = copy.path.is_file() and kept_threshold(copy)
         assert kept_threshold(self.store) or not kept, "the copy holds a forgotten threshold"
-        private = not self.store.path.exists() or self.store.path.stat().st_mode & 0o777 == 0o600
-        assert private, "others may read the store"
+        for path, mode in ((self.store.path, 0o600), (self.home, 0o700)):
+            private = not path.exists() or path.stat().st_mode & 0o777 == mode
+            assert private, f"others may read {path}"
         journal = self.store.path.with_name(self.store.path.name + "-journal")
         # One that was not begun is no journal yet; the next write begins it anew.
         begun = journal.exists() and journal.read_bytes()[:1] not in {b"", b"\0"}
@@ -562,6 +571,7 @@ def play(seed: int) -> tuple[bool, str]:
 
     def arena() -> None:
         os.close(receive)
+        os.umask(0)
         # As root the disk is in memory for every round, which makes syncing quick. Others may
         # mount only by giving up the difference between users, which the permissions need.
         ordinary = os.geteuid() != 0

@@ -45,23 +45,17 @@ static int pass(const char *name, int file, int command, void *argument)
     return real(file, command, argument);
 }
 
-int fcntl(int file, int command, ...)
-{
-    va_list rest;
-    va_start(rest, command);
-    void *argument = va_arg(rest, void *);
-    va_end(rest);
-    return pass("fcntl", file, command, argument);
-}
-
-int fcntl64(int file, int command, ...)
-{
-    va_list rest;
-    va_start(rest, command);
-    void *argument = va_arg(rest, void *);
-    va_end(rest);
-    return pass("fcntl64", file, command, argument);
-}
+#define PASS(name)                                        \
+    int name(int file, int command, ...)                  \
+    {                                                     \
+        va_list rest;                                     \
+        va_start(rest, command);                          \
+        void *argument = va_arg(rest, void *);            \
+        va_end(rest);                                     \
+        return pass(#name, file, command, argument);      \
+    }
+PASS(fcntl)
+PASS(fcntl64)
 
 static time_t jumped(void)
 {

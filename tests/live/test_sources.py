@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable
 from itertools import cycle, pairwise
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 import cv2
 import numpy as np
@@ -197,3 +199,12 @@ def test_a_still(tmp_path: Path) -> None:
 def test_no_password_is_shown() -> None:
     assert without_password("rtsp://me:a:b@host:5/x@y") == "rtsp://host:5/x@y"
     assert without_password("0") == "0"
+
+
+def test_a_file_in_memory_is_no_camera() -> None:
+    memory = Path("/dev/shm")
+    if not os.access(memory, os.W_OK):
+        pytest.skip("there is no such folder")
+    with NamedTemporaryFile(dir=memory, suffix=".mp4") as file:
+        assert not camera.is_device(Path(file.name))
+    assert camera.is_device(Path(file.name).with_name("video99"))

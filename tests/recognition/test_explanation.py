@@ -26,11 +26,6 @@ def clips() -> dict[str, Clip]:
     return {name: read_clip(EXAMPLES / f"{name}.npz") for name in names}
 
 
-@pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
-
-
 def logit(recognizer: Recognizer, query: Clip, example: Clip) -> float:
     return -float(np.log(recognizer.compare([query], {"": [example]}).distance[0, 0]))
 

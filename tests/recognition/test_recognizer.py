@@ -27,11 +27,6 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
-
-
-@pytest.fixture(scope="module")
 def clips() -> dict[str, Clip]:
     return {
         f"{action}/{person}": read_clip(EXAMPLES / action / f"{person}.npz")

@@ -23,11 +23,6 @@ PUNCH = read_clip(EXAMPLES / "punch_right/dev.npz")
 QUERY = read_clip(EXAMPLES / "squat/ben.npz")
 
 
-@pytest.fixture(scope="module")
-def recognizer() -> Recognizer:
-    return Recognizer()
-
-
 @pytest.fixture
 def store(tmp_path: Path) -> SupportStore:
     store = SupportStore(tmp_path / "support.db")

@@ -7,11 +7,6 @@ from actioncli import Clip, StoreError, SupportStore
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold, rename_action
 
 
-@pytest.fixture
-def store(tmp_path: object) -> SupportStore:
-    return SupportStore(f"{tmp_path}/support.db")
-
-
 def test_it_is_kept_replaced_and_forgotten(store: SupportStore) -> None:
     assert kept_threshold(store) is None
     first = Threshold(0.625, "abc", {"a wave": 0.25, "ü": 1.0})

@@ -117,7 +117,7 @@ def test_tables_and_plots_escape() -> None:
     assert "<c>" not in text
     assert "&lt;r&gt;" in text
     plot = Plot("<t>", Axis("<x>", 0, 1, SHARES), Axis("y", 0, 1, SHARES, percent=True))
-    plot.line([0, 1], [0.5, 2], 0, "<s>", [3.0, 3.0])
+    plot.line([0, 1], [0.5, 2], 0, "<s>")
     plot.steps([0, 0.5, 1], [0.2, 0.8], 1, "h")
     plot.rule(0.5, "<tau>")
     html = plot.html("<note>")

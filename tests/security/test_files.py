@@ -59,7 +59,7 @@ start = b"\\x93NUMPY\\x01\\x00"
 for name, shape in {"text": "'<U9999999', 'fortran_order': False, 'shape': (9,)",
                     "labels": "'<i8', 'fortran_order': False, 'shape': (33000000, 1)"}.items():
     header = ("{'descr': " + shape + ", }\\n").encode()
-    with zipfile.ZipFile(here / f"{name}.npz", "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(here / f"{name}.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
         with file.open("lengths.npy", "w") as member:
             member.write(start + len(header).to_bytes(2, "little") + header)
             for _ in range(300):
@@ -86,7 +86,7 @@ with open(here / "sparse.json", "wb") as file:
 np.savez_compressed(here / "zeros.npz", joints=np.zeros((2**18, 21, 3), np.float32))
 header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (31000000, 1), }\\n"
 array = start + len(header).to_bytes(2, "little") + header
-with zipfile.ZipFile(here / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as file:
+with zipfile.ZipFile(here / "bomb.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
     with file.open("joints.npy", "w") as member:
         member.write(array)
         for _ in range(248):

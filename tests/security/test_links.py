@@ -21,7 +21,7 @@ from actioncli.model.weights import write_weights
 from actioncli.pose import cache
 from actioncli.pose.poses import Poses
 from actioncli.recognition.threshold import Threshold
-from actioncli.report.figures import FIGURES, PAGE, write_folder
+from actioncli.report.calibration import FIGURES, PAGE, write_folder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and modes are others here")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import actioncli
 from actioncli import SupportSet, SupportStore, read_clip
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.mp4 import mp4_writer
@@ -112,17 +113,16 @@ def test_pages_serve_a_support_set(odd: Path) -> None:
 
     from actioncli.studio.app import Studio
     from actioncli.studio.review import Review
-    from actioncli.studio.support import SharedSupport
     from actioncli.studio.upload_folder import UploadFolder
 
-    support = SharedSupport(odd / f"{ODD}.db")
-    support.store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
+    actions = actioncli.open(odd / f"{ODD}.db")
+    actions.store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
     uploads = UploadFolder()
-    studio = Studio(support, uploads)
+    studio = Studio(actions, uploads)
     request = Request({"type": "http", "method": "GET", "query_string": b"", "headers": []})
     try:
         assert b"o\\udcffdd.db" in studio.state(request).body
     finally:
         studio.close()
         uploads.close()
-    assert b"o\\udcffdd" in Review(support, odd).waiting(request).body
+    assert b"o\\udcffdd" in Review(actions, odd).waiting(request).body

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser
 
 from actioncli import SupportStore, read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
-from actioncli.report.figures import write_csv
+from actioncli.report.calibration import write_csv
 from tests.browsing import ask
 
 from .conftest import EXAMPLES, Invoke

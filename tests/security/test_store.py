@@ -137,14 +137,9 @@ def test_no_link_is_followed_from_the_stores_folder(tmp_path: Path) -> None:
     folder.mkdir()
     precious = tmp_path / "thesis.txt"
     precious.write_text("mine")
-    for name in ("support.db", "support.db-journal", "support.db-wal", "export"):
+    for name in ("support.db-journal", "support.db-wal", "export"):
         (folder / name).symlink_to(precious)
     store = SupportStore(folder / "support.db")
-    with pytest.raises(StoreError, match="symbolic link"):
-        store.enroll("wave", moving())
-    with pytest.raises(StoreError, match="symbolic link"):
-        store.actions()
-    (folder / "support.db").unlink()
     # SQLite takes the links of its journals away, or refuses; it does not write through them.
     store.enroll("wave", moving())
     assert not (folder / "support.db").is_symlink()

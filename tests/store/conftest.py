@@ -10,14 +10,6 @@ from pathlib import Path
 import pytest
 from storing import give_away
 
-from actioncli.store.store import SupportStore
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> SupportStore:
-    """A store that does not exist yet, in a folder that does not either."""
-    return SupportStore(tmp_path / "home" / "support.db")
-
 
 @pytest.fixture
 def shared_folder() -> Iterator[Path]:

@@ -83,9 +83,3 @@ def test_what_no_one_could_export_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(record, "LARGEST_CLIP_BYTES", 60 * 25 * 12 - 1)
     with pytest.raises(ClipError, match=r"^long\.npy: 60 frames of 25 joints are too much"):
         Record.from_clip("wave", make_clip(0, 60, 25, source="/x/long.npy"))
-
-
-def test_the_source_loses_its_folder_and_the_note_its_control_characters() -> None:
-    kept = Record.from_clip("wave", make_clip(0, source="/home/anna/wave.npy"), "a\x1b[31m\nb")
-    assert (kept.source, kept.note) == ("wave.npy", "a [31m b")
-    assert kept.clip().source == "wave.npy"

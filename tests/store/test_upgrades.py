@@ -10,10 +10,11 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from storing import as_ordinary_user, give_away
+from storing import alter, as_ordinary_user, give_away
 
 from actioncli import Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.errors import StoreError
@@ -24,7 +25,7 @@ SCHEMAS = Path(__file__).with_name("schemas")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHIPPED = sorted(SCHEMAS.glob("v*.db"), key=lambda path: int(path.stem[1:]))
 
-Told = dict[str, object]
+Told = dict[str, Any]
 
 
 @pytest.fixture(params=SHIPPED, ids=lambda path: path.stem)
@@ -75,12 +76,10 @@ def test_whatever_is_done_first_brings_it_up_to_date(
     old: tuple[SupportStore, Told], first: Callable[[SupportStore], object]
 ) -> None:
     store, told = old
-    count = len(store.examples())
     first(store)
     assert version(store.path) == len(MIGRATIONS)
     assert store.check() == []
-    assert count - len(store.examples()) in {0, 1}
-    assert told["schema"] in range(1, len(MIGRATIONS) + 1)
+    assert len(told["examples"]) - len(store.examples()) in {0, 1}
 
 
 def test_all_is_there(old: tuple[SupportStore, Told]) -> None:
@@ -152,9 +151,7 @@ def test_a_damaged_old_store_is_not_brought_up_to_date(old: tuple[SupportStore, 
 def test_a_newer_schema_is_refused_by_name(old: tuple[SupportStore, Told]) -> None:
     """Going back to an older release: it says so, and touches nothing."""
     store, _ = old
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute(f"PRAGMA user_version = {len(MIGRATIONS) + 1}")
-        db.commit()
+    alter(store.path, f"PRAGMA user_version = {len(MIGRATIONS) + 1}")
     before = hashlib.sha256(store.path.read_bytes()).digest()
     for use in (store.actions, store.clear, lambda: store.rename("wave", "wink")):
         with pytest.raises(StoreError, match=r"newer release .* Update actioncli"):

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
+import actioncli
 from actioncli.recognition.threshold import keep_threshold
 from actioncli.studio.app import Studio
-from actioncli.studio.support import SharedSupport
 from actioncli.studio.upload_folder import UploadFolder
 from tests.browsing import opened
 
@@ -30,7 +30,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def served(home: Path) -> Iterator[tuple[Studio, str]]:
     """The studio, and its address."""
     uploads = UploadFolder()
-    studio = Studio(SharedSupport(), uploads)
+    studio = Studio(actioncli.open(), uploads)
     with serving(studio.app()) as address:
         yield studio, address
     studio.close()
@@ -42,8 +42,8 @@ def served(home: Path) -> Iterator[tuple[Studio, str]]:
 def studio(served: tuple[Studio, str]) -> Studio:
     """The same, with nothing enrolled."""
     studio, _ = served
-    studio.support.store.clear()
-    keep_threshold(studio.support.store, None)
+    studio.actions.store.clear()
+    keep_threshold(studio.actions.store, None)
     return studio
 
 

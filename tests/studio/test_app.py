@@ -50,8 +50,8 @@ def test_enrolled_classified_and_rejected_as_the_commands_do(
     client.enroll(WAVE, "wave")
     accepted = client.send(EXAMPLES / "squat/ben.npz")["decision"]
     assert (accepted["label"], accepted["accepted"]) == ("squat", True)
-    store = studio.support.store
-    same = studio.support.recognizer.classify(
+    store = studio.actions.store
+    same = studio.actions.recognizer.classify(
         read_clip(EXAMPLES / "squat/ben.npz"), store.support()
     )
     assert accepted["confidence"] == pytest.approx(same.confidence, abs=1e-6)
@@ -88,7 +88,7 @@ def test_a_state_that_is_known_is_not_told_again(client: Client, studio: Studio)
     state = client.get("/api/state")
     assert client.get(f"/api/state?version={state['version']}") == {"version": state["version"]}
     # Somebody else, at the same time.
-    SupportStore(studio.support.store.path).enroll("wave", read_clip(WAVE))
+    SupportStore(studio.actions.store.path).enroll("wave", read_clip(WAVE))
     changed = client.get(f"/api/state?version={state['version']}")
     assert [action["label"] for action in changed["actions"]] == ["squat", "wave"]
     assert client.send(EXAMPLES / "wave_right/ben.npz")["decision"]["label"] == "wave"
@@ -108,7 +108,7 @@ def test_removed_and_renamed(client: Client, studio: Studio) -> None:
     status, answer = client.ask("PATCH", "/api/actions", {"label": "sit", "new": "wave"})
     assert (status, "enrolled already" in answer["error"]["message"]) == (400, True)
     assert client.ask("DELETE", "/api/actions", {"label": "wave"}) == (200, {"removed": 1})
-    assert [action.label for action in studio.support.store.actions()] == ["sit"]
+    assert [action.label for action in studio.actions.store.actions()] == ["sit"]
 
 
 def test_exported_as_one_file(client: Client, studio: Studio, tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_false_accepts_and_rejects_over_tau(client: Client, studio: Studio) -> N
 
 def test_a_kept_tau_is_that_of_the_commands(client: Client, studio: Studio) -> None:
     client.enroll(SQUAT, "squat")
-    checksum, store = studio.support.recognizer.weights.checksum, studio.support.store
+    checksum, store = studio.actions.recognizer.weights.checksum, studio.actions.store
     assert client.ask("PUT", "/api/tau", {"tau": 0.62})[0] == 200
     assert kept_threshold(store) == Threshold(0.62, checksum)
     state = client.get("/api/state")
@@ -279,7 +279,7 @@ def test_many_at_once(client: Client, studio: Studio) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(studio.support.store.examples()) == len(files)
+    assert len(studio.actions.store.examples()) == len(files)
     nothing_left(studio)
 
 
@@ -289,7 +289,7 @@ def test_a_bug_is_told_to_the_page(
     def broken(*_: object) -> None:
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr(studio.support, "state", broken)
+    monkeypatch.setattr(type(studio.actions), "version", property(broken))
     status, answer = client.ask("GET", "/api/state")
     assert status == 500
     assert "ZeroDivisionError: by zero (this is a bug" in answer["error"]["message"]
@@ -310,7 +310,7 @@ def test_a_full_disk_is_told(
 
 
 def test_a_damaged_store_is_told(client: Client, studio: Studio) -> None:
-    store = studio.support.store
+    store = studio.actions.store
     client.enroll(SQUAT, "squat")
     kept = store.path.read_bytes()
     try:

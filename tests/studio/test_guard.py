@@ -14,7 +14,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
-from actioncli.studio import protocol
+from actioncli.studio import server
 
 from .serving import Client, until
 
@@ -140,14 +140,14 @@ def many_files() -> Iterator[None]:
 def test_who_connects_and_asks_nothing_keeps_nobody_out(
     client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(protocol, "_FIRST_SECONDS", 600.0)
+    monkeypatch.setattr(server, "_FIRST_SECONDS", 600.0)
     with ExitStack() as stack:
         idle = [
             stack.enter_context(socket.create_connection(("127.0.0.1", client.port), 30))
             for _ in range(1100)
         ]
         assert client.answer("GET", "/api/state")[0] == 200
-        until(lambda: sum(map(is_open, idle)) <= protocol.MOST_IDLE)
+        until(lambda: sum(map(is_open, idle)) <= server.MOST_IDLE)
         # The newest stay: who asks at once is among them.
         assert is_open(idle[-1])
 
@@ -155,7 +155,7 @@ def test_who_connects_and_asks_nothing_keeps_nobody_out(
 def test_a_first_request_has_to_come_soon_and_whole(
     client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(protocol, "_FIRST_SECONDS", 0.3)
+    monkeypatch.setattr(server, "_FIRST_SECONDS", 0.3)
     for begun in (b"", b"GET /api/state HTTP/1.1\r\nHost: "):
         with socket.create_connection(("127.0.0.1", client.port), 30) as connection:
             connection.sendall(begun)

@@ -29,14 +29,20 @@ FILM = SHARED / "jumping_jack/afrlW.mp4"
 needs_film = pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
 
 
+@contextmanager
+def connected(client: Client, path: str) -> Iterator[ClientConnection]:
+    """A WebSocket, as the page opens it."""
+    address = f"ws://127.0.0.1:{client.port}{path}"
+    offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
+    origin = Origin(client.headers["Origin"])
+    with connect(address, origin=origin, subprotocols=offered) as connection:
+        assert connection.subprotocol == "actioncli"
+        yield connection
+
+
 @pytest.fixture
 def socket(client: Client) -> Iterator[ClientConnection]:
-    address = f"ws://127.0.0.1:{client.port}/api/live"
-    offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
-    with connect(
-        address, origin=Origin(client.headers["Origin"]), subprotocols=offered
-    ) as connection:
-        assert connection.subprotocol == "actioncli"
+    with connected(client, "/api/live") as connection:
         yield connection
 
 
@@ -75,7 +81,7 @@ def test_the_tau_that_is_tried_and_the_support_set_are_followed(
     client.ask("PUT", "/api/tau", {"tau": 0.3})
     socket.send(message(2.0, grey))
     assert receive(socket)["tau"] == 0.3
-    studio.support.store.clear()
+    studio.actions.store.clear()
     socket.send(message(3.0, grey))
     assert "ranking" not in receive(socket)
 
@@ -134,22 +140,19 @@ def test_pictures_of_a_camera_that_is_named(studio: Studio, tmp_path: Path) -> N
 @contextmanager
 def named(studio: Studio, source: str | None) -> Iterator[ClientConnection]:
     """The pictures of a source."""
-    other = Studio(studio.support, studio.upload_folder, source=source)
+    other = Studio(studio.actions, studio.upload_folder, source=source)
     with serving(other.app()) as address:
         client = Client(address)
         assert client.get("/api/state")["source"] == source
-        offered = [Subprotocol("actioncli"), Subprotocol(client.token)]
-        origin = Origin(client.headers["Origin"])
-        where = f"ws://127.0.0.1:{client.port}/api/source"
-        with connect(where, origin=origin, subprotocols=offered) as connection:
+        with connected(client, "/api/source") as connection:
             yield connection
     other.close()
 
 
 @needs_film
 def test_an_action_is_recognised_while_it_is_performed(studio: Studio) -> None:
-    studio.support.store.enroll("jumping jack", read_video_clip(FILM, cache=False))
-    camera = Camera(studio.support)
+    studio.actions.store.enroll("jumping jack", read_video_clip(FILM, cache=False))
+    camera = Camera(studio.actions)
     events, whole, rankings = [], [], []
     # At a rate that a slow machine reaches too.
     for n, image in enumerate(real_frames(FILM, 40, every=3)):

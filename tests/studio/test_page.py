@@ -31,11 +31,6 @@ SQUAT, OTHER_SQUAT = EXAMPLES / "squat/ada.npz", EXAMPLES / "squat/ben.npz"
 WAVE, OTHER_WAVE = EXAMPLES / "wave_right/ada.npz", EXAMPLES / "wave_right/cleo.npz"
 
 
-def picture(page: Page, place: int = 0) -> str:
-    drawn: str = page.locator("canvas[role=img]").nth(place).evaluate("c => c.toDataURL()")
-    return drawn
-
-
 def count(page: Page, rate: str) -> int:
     text = page.locator(f"[data-rate={rate}]").text_content()
     found = re.match(r"(\d+) of (\d+)", text or "")
@@ -85,19 +80,19 @@ def test_enrol_and_classify_then_move_tau(tab: Page, studio: Studio) -> None:
     slider.fill("62")
     tab.get_by_role("button", name="Keep τ 0.62").click()
     expect(tab.get_by_text("In use: 0.62.")).to_be_visible()
-    kept = kept_threshold(studio.support.store)
+    kept = kept_threshold(studio.actions.store)
     assert kept is not None
     assert kept.tau == 0.62
     tab.get_by_role("button", name="Back to 0.50").click()
     expect(tab.get_by_text("In use: 0.50")).to_be_visible()
-    assert kept_threshold(studio.support.store) is None
+    assert kept_threshold(studio.actions.store) is None
 
     rejected.get_by_role("button", name="Never accept").click()
     expect(tab.get_by_role("article", name="negatives")).to_contain_text("never accepted")
     accepted.get_by_role("button", name="Discard").click()
     expect(accepted).to_have_count(0)
     expect(tab.locator("#uploads")).to_be_hidden()
-    assert [(a.label, a.examples) for a in studio.support.store.actions()] == [
+    assert [(a.label, a.examples) for a in studio.actions.store.actions()] == [
         ("negatives", 1),
         ("squat", 2),
         ("wave", 1),
@@ -175,31 +170,8 @@ def test_events_are_counted_in_large_letters(browser: Browser, client: Client) -
         told[:] = waiting
 
 
-def test_play_scrub_and_turn_by_mouse_and_keys(tab: Page, studio: Studio) -> None:
-    studio.support.store.enroll("squat", read_clip(SQUAT))
-    card = tab.get_by_role("article", name="squat", exact=True)
-    start = picture(tab)
-    # At its most telling pose; the squat is deepest there.
-    opening = card.get_by_label("Moment: squat").input_value()
-    assert 350 < int(opening) < 550
-    card.get_by_role("button", name="Play or pause: squat").click()
-    expect(card.get_by_role("button", name="Play or pause: squat")).to_have_text("Pause")
-    expect(card.get_by_label("Moment: squat")).not_to_have_value(opening)
-    assert picture(tab) != start
-    card.get_by_label("Moment: squat").fill("500")
-    expect(card.locator(".said")).to_have_text("50 %")
-    middle = picture(tab)
-    assert middle != start
-    canvas = card.get_by_role("img", name="Skeleton, squat, 1 of 1")
-    canvas.focus()
-    canvas.press("ArrowLeft")
-    assert picture(tab) != middle
-    card.get_by_role("button", name="Turn to the front: squat").click()
-    assert picture(tab) == middle
-
-
 def test_delete_asks_rename_and_export(tab: Page, studio: Studio, tmp_path: Path) -> None:
-    store = studio.support.store
+    store = studio.actions.store
     for file in (SQUAT, OTHER_SQUAT):
         store.enroll("squat", read_clip(file))
     store.enroll("wave", read_clip(WAVE))
@@ -274,10 +246,9 @@ def test_other_tabs_and_commands_are_followed(
     with opened(browser, client.address, PHONE) as phone:
         enroll(phone, SQUAT, "squat")
         expect(tab.get_by_role("article", name="squat", exact=True)).to_be_visible()
-        SupportStore(studio.support.store.path).enroll("wave", read_clip(WAVE))
+        SupportStore(studio.actions.store.path).enroll("wave", read_clip(WAVE))
         for page in (tab, phone):
             expect(page.get_by_role("article", name="wave")).to_be_visible()
-        check(phone)
 
 
 def test_without_the_token_the_page_stays_empty(browser: Browser, client: Client) -> None:
@@ -315,7 +286,8 @@ def test_another_server_of_this_machine_never_sees_the_token(
     context = browser.new_context()
     tab = context.new_page()
     tab.goto(client.address)
-    expect(tab.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
+    lead = tab.get_by_role("heading", name="Record or drop a clip")
+    expect(lead).to_be_visible()
     seen: list[str] = []
 
     class Other(BaseHTTPRequestHandler):
@@ -339,7 +311,7 @@ def test_another_server_of_this_machine_never_sees_the_token(
         # From the studio's own tab, which keeps the token, and by its link back.
         tab.goto(f"http://127.0.0.1:{other.server_port}/from-the-studio")
         tab.go_back()
-        expect(tab.get_by_role("heading", name="Record or drop a clip")).to_be_visible()
+        expect(lead).to_be_visible()
         other.shutdown()
         thread.join()
     assert any("from-the-studio" in request for request in seen)
@@ -367,14 +339,14 @@ def test_a_real_video_is_looked_at_with_progress_and_cancelled(tab: Page, studio
     tab.reload()
     until(lambda: not list(studio.upload_folder.folder.iterdir()))
     enroll(tab, SHARED / "squat/hciproM.mp4", "squat")
-    (example,) = studio.support.store.examples("squat")
+    (example,) = studio.actions.store.examples("squat")
     assert example.source == "hciproM.mp4"
     assert not list(studio.upload_folder.folder.iterdir())
 
 
 @pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
 def test_recorded_from_the_camera_and_tested_live(tab: Page, studio: Studio) -> None:
-    studio.support.store.enroll("squat", read_clip(SQUAT))
+    studio.actions.store.enroll("squat", read_clip(SQUAT))
     tab.get_by_role("button", name="Use the camera").click()
     expect(tab.locator("#view")).to_contain_text("The body is in view")
     tab.get_by_label("for").select_option("3")
@@ -386,7 +358,7 @@ def test_recorded_from_the_camera_and_tested_live(tab: Page, studio: Studio) -> 
     assert "cut off" not in card.inner_text()
     card.get_by_role("button", name="Enrol").click()
     expect(tab.get_by_role("article", name="jumping jack", exact=True)).to_be_visible()
-    (example,) = studio.support.store.examples("jumping jack")
+    (example,) = studio.actions.store.examples("jumping jack")
     assert example.source == "camera 1.webm"
     assert 0.2 < (example.frames - 1) / example.fps < 4
     row = tab.locator("#ranking tr").filter(has_text="jumping jack")
@@ -412,7 +384,7 @@ def test_a_camera_that_the_command_names(browser: Browser, studio: Studio) -> No
         [each for picture in pictures for each in (picture, 1 / 12)]
     )
     with answering(film) as address:
-        named = Studio(studio.support, studio.upload_folder, source=address.replace("//", "//a:b@"))
+        named = Studio(studio.actions, studio.upload_folder, source=address.replace("//", "//a:b@"))
         with serving(named.app()) as page_address, opened(browser, page_address) as tab:
             expect(tab.locator("#store")).not_to_be_empty()
             tab.get_by_role("button", name="Use the camera").click()
@@ -430,7 +402,7 @@ def test_a_camera_that_the_command_names(browser: Browser, studio: Studio) -> No
             expect(tab.locator("#view")).to_contain_text("pictures/s")
             tab.get_by_role("button", name="Stop the camera").click()
         named.close()
-    lost = Studio(studio.support, studio.upload_folder, source=address)
+    lost = Studio(studio.actions, studio.upload_folder, source=address)
     # Where there is something to recognise, it is opened at once.
     with serving(lost.app()) as page_address, opened(browser, page_address) as tab:
         expect(tab.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
@@ -448,7 +420,7 @@ def test_a_camera_that_is_refused_is_told(browser: Browser, client: Client) -> N
 
 
 def test_all_by_keyboard(tab: Page, studio: Studio) -> None:
-    studio.support.store.enroll("squat", read_clip(SQUAT))
+    studio.actions.store.enroll("squat", read_clip(SQUAT))
     expect(tab.get_by_role("article", name="squat", exact=True).locator("canvas")).to_be_visible()
     expect(tab.locator("#words")).to_contain_text("other clips")
     tab.locator("body").press("Home")

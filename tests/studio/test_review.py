@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
+import actioncli
 from actioncli import SupportStore, read_clip
 from actioncli.clips.write import write_clip
 from actioncli.live.events import Event
 from actioncli.live.recorder import Recorder
 from actioncli.recognition.threshold import Threshold
 from actioncli.studio.review import Review
-from actioncli.studio.support import SharedSupport
 from tests.browsing import DESKTOP, PHONE, check, opened
 
 from .serving import EXAMPLES, Client, serving
@@ -39,7 +39,7 @@ def folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def review(folder: Path, tmp_path: Path) -> Iterator[tuple[Review, Client]]:
     """The page of that folder, for a support set that knows squats."""
-    support = SharedSupport(tmp_path / "support.db")
+    support = actioncli.open(tmp_path / "support.db")
     support.store.enroll("squat", read_clip(EXAMPLES / "squat/ben.npz"))
     review = Review(support, folder)
     with serving(review.app()) as address:
@@ -60,7 +60,7 @@ def test_enrolled_made_a_negative_and_deleted(review: tuple[Review, Client], fol
     assert client.ask("POST", third, {"decision": "delete"})[0] == 200
     assert client.ask("POST", third, {"decision": "delete"})[0] == 404
     assert dict(behind.done) == {"enroll": 1, "negative": 1, "delete": 1}
-    examples = behind.support.store.examples()
+    examples = behind.actions.store.examples()
     assert [(e.label, e.negative) for e in examples] == [
         ("negatives", True),
         ("squat", False),
@@ -81,7 +81,7 @@ def test_of_several_repetitions_one_is_enrolled(
     status, answer = client.ask("POST", f"/api/waiting/{file.name}", asked)
     assert status == 200
     assert "one of about 5 repetitions" in answer["warnings"][0]
-    enrolled = behind.support.store.clip(behind.support.store.examples("squat")[-1].id)
+    enrolled = behind.actions.store.clip(behind.actions.store.examples("squat")[-1].id)
     assert 0.5 < enrolled.duration / once.duration < 1.5
 
 
@@ -107,18 +107,17 @@ def test_only_what_waits_can_be_named(review: tuple[Review, Client], name: str) 
     assert client.ask("POST", f"/api/waiting/{name}", {"decision": "delete"})[0] == 404
 
 
-@pytest.mark.parametrize("size", [DESKTOP, PHONE])
-def test_by_keys_and_clicks(
-    browser: Browser, review: tuple[Review, Client], folder: Path, size: tuple[int, int]
-) -> None:
+def test_by_keys_and_clicks(browser: Browser, review: tuple[Review, Client], folder: Path) -> None:
     behind, client = review
-    store: SupportStore = behind.support.store
-    with opened(browser, client.address, size) as page:
+    store: SupportStore = behind.actions.store
+    with opened(browser, client.address, PHONE) as page:
         title = page.get_by_role("heading", level=2)
         expect(title).to_have_text("1 of 4: event, squat")
         expect(page.get_by_text("Confidence 0.60, τ 0.50; camera 0")).to_be_visible()
         expect(page.get_by_text("example of squat")).to_be_visible()
-        check(page)
+        for width, height in (DESKTOP, PHONE):
+            page.set_viewport_size({"width": width, "height": height})
+            check(page)
         opening = page.get_by_label("Moment").input_value()
         page.get_by_role("button", name="Play or pause").click()
         expect(page.get_by_label("Moment")).not_to_have_value(opening)
