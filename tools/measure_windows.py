@@ -4,10 +4,10 @@
         --weights bench.safetensors
 
 Asks the classes that training holds out. Of up to four actions of a collection one clip each is
-enrolled by one person; another person's clips are asked alone, and in the middle of a long clip
-between two of the person's clips that show none of the four. Prints, over the power of the number
-of windows by which odds count less, the share of clips accepted at 0.5: of enrolled actions, if
-rightly named, and of others.
+enrolled; other people's clips of these, and of an action that is not enrolled, are asked alone, and
+in the middle of a long clip between two clips of something else. Prints, over the power of the
+number of windows by which odds count less, the share of clips accepted at 0.5: of enrolled actions,
+if rightly named, and of others.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.evaluation.splits import read_splits
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.recognition.windows import windows
-from actioncli.training.data import TrainingSet, hold_out, training_set
+from actioncli.training.data import TrainingSet, hold_out, query_of, training_set
 
-MOST_WAYS, FEWEST = 4, 5
-POWERS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0)
+MOST_WAYS = 4
+POWERS = (0.0, 0.1, 0.15, 0.2, 0.3, 0.5)
 
 
 def episode(
@@ -38,32 +38,21 @@ def episode(
     def clip(row: np.int64) -> Clip:
         return Clip(joints_of(data.clips[row]), DEFAULT_JOINTS, FPS)
 
-    while True:
-        source = rng.choice(np.unique(data.collections))
-        here = data.collections == source
-        classes = rng.permutation(np.unique(data.labels[here]))
-        people = rng.permutation(np.unique(data.subjects[here]))
-        if len(classes) < FEWEST or len(people) < 2:
-            continue
-        known = classes[: min(MOST_WAYS, len(classes) - 3)]
-
-        def rows(action: np.int64, person: np.int64) -> np.ndarray:  # type: ignore[type-arg]
-            return np.flatnonzero((data.labels == action) & (data.subjects == person))
-
-        enrolled = [rows(action, people[0]) for action in known]
-        asked = {int(action): rows(action, people[1]) for action in classes}
-        others = [of for action, of in asked.items() if action not in known and len(of)]
-        if not all(map(len, enrolled)) or len(others) < 3:
-            continue
-        queries = []
-        targets = [(way, asked[int(action)]) for way, action in enumerate(known)]
-        for target, of in [*targets, (-1, others[0])]:
-            if len(of):
-                middle = clip(rng.choice(of))
-                beside = [clip(rng.choice(others[at])) for at in (1, 2)]
-                parts = [(each.joints, None, 1) for each in (beside[0], middle, beside[1])]
-                queries.append((target, middle, joined("", parts, {}).clip))
-        return [clip(rng.choice(of)) for of in enrolled], queries
+    source = rng.choice([each for each in np.unique(data.collections)
+                         if len(np.unique(data.labels[data.collections == each])) > 1])  # fmt: skip
+    classes = rng.permutation(np.unique(data.labels[data.collections == source])).tolist()
+    known, others = classes[: min(MOST_WAYS, len(classes) - 1)], classes[-1:]
+    enrolled = [rng.choice(data.members[action]) for action in known]
+    queries = []
+    targets = [*enumerate(known), *((-1, action) for action in others)]
+    for target, action in targets:
+        taken = enrolled[target] if target >= 0 else data.members[action][0]
+        middle = clip(query_of(data, data.members[action], taken, rng))
+        beside = rng.choice(np.flatnonzero(~np.isin(data.labels, [*known, action])), 2)
+        parts = [clip(beside[0]), middle, clip(beside[1])]
+        long = joined("", [(each.joints, None, 1) for each in parts], {}).clip
+        queries.append((target, middle, long))
+    return [clip(row) for row in enrolled], queries
 
 
 def logits(recognizer: Recognizer, clips: list[Clip], enrolled: list[Clip]) -> FloatArray:

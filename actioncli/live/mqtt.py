@@ -82,9 +82,10 @@ class Mqtt(Reaction):
 
     def close(self) -> None:
         """Tell that nobody watches any more."""
-        with contextlib.suppress(RuntimeError, ValueError):  # it is not connected
+        if self._client.is_connected():
             sent = self._client.publish(f"{self._topic}/status", "offline", qos=1, retain=True)
-            sent.wait_for_publish(LAST_SECONDS)
+            with contextlib.suppress(RuntimeError, ValueError):  # it was lost meanwhile
+                sent.wait_for_publish(LAST_SECONDS)
         # Its thread ends by itself; one that hangs is not waited for.
         self._client.disconnect()
 

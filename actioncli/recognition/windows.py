@@ -4,8 +4,8 @@ A clip is compared as a whole, which is right where it holds one performance. In
 than the enrolled ones the performance is a part, so windows of about their length compete with the
 whole. More windows are more chances of a false match; therefore a window's odds against a match
 are multiplied by the number of windows to the power of `CHANCES`. The constants were chosen on
-classes that the model had not seen, see the model card: with this power about as many unknown
-queries are accepted in long clips as in clips of one performance.
+classes that the model had not seen (`tools/measure_windows.py`): with this power about as many
+unknown queries are accepted in long clips as in clips of one performance.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from actioncli.errors import ClipError
 LONG = 1.5
 # Windows follow each other at this share of their length.
 STRIDE = 0.25
-CHANCES = 0.3
+CHANCES = 0.15
 
 # Windows are this much shorter and longer than the enrolled examples, so that fast and slow
 # performances match; each is at most so many times as long as the one before.

@@ -42,6 +42,11 @@ def recorder(folder: Path) -> Recorder:
     return Recorder(folder, Threshold(0.5, "", {"jump": 0.9}), "camera 0")
 
 
+def keep(folder: Path, label: str = "wave", confidence: float = 0.9) -> None:
+    """Record an event."""
+    recorder(folder).update(stream(2), 2, [], [Event(label, 1, 2, confidence)], False)
+
+
 def told(kept: Kept) -> tuple[float, float]:
     """When the clip begins and ends."""
     heights = 10 * kept.clip().joints[:, NAMES.index("rwri"), 1]
@@ -92,8 +97,7 @@ def test_the_threshold_of_the_action_counts(tmp_path: Path) -> None:
 
 def test_later_recordings_go_beside_earlier_ones(tmp_path: Path) -> None:
     for label in ("wave", "../../évil name"):
-        one = recorder(tmp_path / "deep" / "folder")
-        one.update(stream(2), 2, [], [Event(label, 1, 2, 0.9)], False)
+        keep(tmp_path / "deep" / "folder", label)
     found = kept_clips(tmp_path / "deep" / "folder")
     assert [kept.label for kept in found] == ["wave", "../../évil name"]
     assert {path.parent for path in tmp_path.rglob("*.npz")} == {tmp_path / "deep" / "folder"}
@@ -104,9 +108,8 @@ def test_later_recordings_go_beside_earlier_ones(tmp_path: Path) -> None:
 
 def test_nothing_is_written_over_after_ten_thousand_clips(tmp_path: Path) -> None:
     (tmp_path / "9999_wave.npz").touch()
-    event = Event("wave", 1, 2, 0.9)
     for _ in range(3):
-        recorder(tmp_path).update(stream(2), 2, [], [event], False)
+        keep(tmp_path)
     names = [kept.file.name for kept in kept_clips(tmp_path)]
     assert names == ["10000_wave.npz", "10001_wave.npz", "10002_wave.npz"]
 
@@ -116,24 +119,22 @@ def test_two_may_record_into_one_folder(tmp_path: Path, monkeypatch: pytest.Monk
         # As where the other one's clip appears after this one has looked.
         patch.setattr("actioncli.live.recorder._number", lambda _: 0)
         for confidence in (0.8, 0.9):
-            event = Event("wave", 1, 2, confidence)
-            recorder(tmp_path).update(stream(2), 2, [], [event], False)
+            keep(tmp_path, confidence=confidence)
     assert [kept.confidence for kept in kept_clips(tmp_path)] == [0.8, 0.9]
 
 
 @pytest.mark.parametrize("most", [0, 1500])
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, most: int) -> None:
-    one = recorder(tmp_path)
     with files_up_to(most), pytest.raises(ClipError, match="cannot be written"):
-        one.update(stream(2), 2, [], [Event("wave" * 400, 1, 2, 0.9)], False)
+        keep(tmp_path, "wave" * 400)
     assert list(tmp_path.iterdir()) == []
-    one.update(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
+    keep(tmp_path)
     assert len(kept_clips(tmp_path)) == 1
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999"])
 def test_a_confidence_that_is_no_number_is_damage(tmp_path: Path, number: str) -> None:
-    recorder(tmp_path).update(stream(2), 2, [], [Event("wave", 1, 2, 0.9)], False)
+    keep(tmp_path)
     [description] = tmp_path.glob("*.json")
     description.write_text(description.read_text().replace("0.9", number))
     with pytest.raises(UsageError, match=r"damaged \(ValueError: (nan|inf) is no finite number"):

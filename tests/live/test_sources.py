@@ -155,13 +155,23 @@ def test_a_file_at_an_address_that_is_cut_off_is_told(tmp_path: Path) -> None:
     assert "the file announces 20 frames and" in (source.shortfall() or "")
 
 
-def test_what_is_no_source() -> None:
+@pytest.mark.parametrize(
+    ("source", "why"),
+    [
+        ("nothing.mp4", "cannot read the video: No such file"),
+        ("77", "camera 77: cannot be opened"),
+        *[(number, "there is none; cameras are numbered from 0") for number in (-1, 100, 10**20)],
+        ("http://127.0.0.1:1/", r"cannot be opened\. Is the address right"),
+    ],
+)
+def test_what_is_no_source(source: int | str, why: str) -> None:
+    with pytest.raises(ClipError, match=why):
+        open_source(source)
+
+
+def test_what_sends_no_pictures() -> None:
     with pytest.raises(UsageError, match="such an address sends no pictures"):
         open_source("file:///tmp/a.mp4")
-    with pytest.raises(ClipError, match="cannot read the video: No such file"):
-        open_source("nothing.mp4")
-    with pytest.raises(ClipError, match="camera 77: cannot be opened"):
-        open_source("77")
 
 
 @pytest.mark.skipif(not Path("/dev/null").is_char_device(), reason="devices are not files here")

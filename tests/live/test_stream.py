@@ -61,24 +61,6 @@ def test_a_stream_that_stalls_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         assert time.monotonic() - begun < 5  # though nothing more comes
 
 
-def test_an_address_that_sends_nothing() -> None:
-    with streamed([], fps=60) as address:
-        gone = address
-    with pytest.raises(ClipError, match=r"cannot be opened\. Is the address right"):
-        LiveSource(gone)
-
-
-def test_no_camera() -> None:
-    with pytest.raises(ClipError, match="camera 99: cannot be opened"):
-        LiveSource(99)
-
-
-@pytest.mark.parametrize("number", [-1, 100, 10**20])
-def test_no_such_number(number: int) -> None:
-    with pytest.raises(ClipError, match="there is none; cameras are numbered from 0"):
-        LiveSource(number)
-
-
 def test_a_file_is_the_same_every_time(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mp4", numbered(40), 30)
     first, second = ([frame.time for frame in file_frames(VideoFile(path))] for _ in range(2))

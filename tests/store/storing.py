@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import sqlite3
 import unicodedata  # noqa: F401 - a child without rights on the interpreter cannot import it
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +52,14 @@ def same(first: Clip, second: Clip) -> bool:
 def succeeded(child: int) -> bool:
     """Wait for a child; whether it ended well."""
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def alter(path: Path, *statements: str) -> None:
+    """Change a store behind its back."""
+    with closing(sqlite3.connect(path)) as db:
+        for statement in statements:
+            db.execute(statement)
+        db.commit()
 
 
 def interrupt(store: SupportStore, *statements: str) -> Path:

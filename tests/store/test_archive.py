@@ -6,23 +6,22 @@ import hashlib
 import json
 import os
 import random
-import sqlite3
 import stat
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
-from storing import make_clip, same
+from storing import alter, make_clip, same
 
 from actioncli.errors import StoreError, SupportError
 from actioncli.store import archive
-from actioncli.store.record import Record, _content_checksum
+from actioncli.store.record import Record
 from actioncli.store.store import SupportStore
 from tests.forking import files_up_to
+from tests.fuzz.readers import _pack_archive, _unpack_archive
 
 
 @pytest.fixture
@@ -163,9 +162,7 @@ def test_an_empty_store_exports_nothing(store: SupportStore, tmp_path: Path) -> 
 
 def test_damage_in_the_store_is_not_exported(store: SupportStore, exported: Path) -> None:
     before = exported.read_bytes()
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute("UPDATE examples SET fps = 26 WHERE id = 2")
-        db.commit()
+    alter(store.path, "UPDATE examples SET fps = 26 WHERE id = 2")
     with pytest.raises(StoreError, match="example 2 of '挥手 🤷' is damaged"):
         store.export(exported)
     assert exported.read_bytes() == before
@@ -339,19 +336,14 @@ def test_a_forged_checksum_does_not_help(
     content: bytes, tmp_path: Path, field: str, value: Any
 ) -> None:
     """Names, frames, joints that fit one another and their checksum, but are no clip."""
-    start = 8 + int.from_bytes(content[:8], "little")
-    start += header_of(content)["2/joints"]["data_offsets"][0]
-    joints = np.frombuffer(content[start:], "<f4").copy()
+    manifest, tensors, settings = _unpack_archive(content)
+    lines = json.loads(manifest)
     if field == "joints":
-        joints[:24], joints[24:] = 1, value
-
-    def forge(lines: list[Any]) -> None:
-        line = lines[2] | ({} if field == "joints" else {field: value})
-        names = tuple(line["joint_names"])
-        checksum = _content_checksum(line["fps"], names, joints.tobytes(), None)
-        lines[2] = line | {"checksum": checksum}
-
-    forged = with_manifest(content[:start] + joints.tobytes(), forge)
+        joints = np.array([1] * 24 + [value] * 48, "<f4").tobytes()
+        tensors = tensors[: -len(joints)] + joints
+    else:
+        lines[2][field] = value
+    forged = _pack_archive([json.dumps(lines).encode(), tensors, settings])
     message = refused(tmp_path / "file", forged)
     assert "checksum differs" not in message
     assert message.isprintable()

@@ -7,7 +7,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from storing import make_clip
+from storing import alter, make_clip
 
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.errors import StoreError
@@ -78,9 +78,7 @@ def test_a_renamed_label_keeps_its_embeddings_and_changes_whole_settings(
     enroll(store, 0)
     for name in ("whole", "damaged"):
         store.set_setting(name, "wave")
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute("UPDATE settings SET value = 'wbve' WHERE name = 'damaged'")
-        db.commit()
+    alter(store.path, "UPDATE settings SET value = 'wbve' WHERE name = 'damaged'")
     store.rename("wave", "greet", dict.fromkeys(("whole", "damaged", "none"), str.upper))
     assert sorted(store.snapshot("w").embeddings) == [1]
     assert (store.setting("whole"), store.setting("none")) == ("WAVE", None)
@@ -91,9 +89,7 @@ def test_a_renamed_label_keeps_its_embeddings_and_changes_whole_settings(
 @pytest.mark.parametrize("change", ["data = zeroblob(length(data))", "width = 6, frames = 8"])
 def test_a_damaged_embedding_is_not_used(store: SupportStore, change: str) -> None:
     enroll(store, 0)
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute(f"UPDATE embeddings SET {change}")
-        db.commit()
+    alter(store.path, f"UPDATE embeddings SET {change}")
     assert "embedding of example 1 is damaged" in store.check()[0]
     found = store.snapshot("w")
     assert (dict(found.embeddings), sorted(found.clips)) == ({}, [1])
@@ -102,9 +98,7 @@ def test_a_damaged_embedding_is_not_used(store: SupportStore, change: str) -> No
 def test_a_flipped_label_never_reaches_a_decision(store: SupportStore) -> None:
     """The embeddings that queries use are tied to their label."""
     enroll(store, 0)
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute("UPDATE examples SET label = 'wbve'")
-        db.commit()
+    alter(store.path, "UPDATE examples SET label = 'wbve'")
     with pytest.raises(StoreError, match="example 1 of 'wbve' is damaged"):
         store.snapshot("w")
     with pytest.raises(StoreError, match="is damaged"):

@@ -7,19 +7,12 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from storing import make_clip
+from storing import alter, make_clip
 
 from actioncli.errors import StoreError
 from actioncli.store import migrations
 from actioncli.store.migrations import APPLICATION_ID, MIGRATIONS
 from actioncli.store.store import SupportStore
-
-
-def run(path: Path, *statements: str) -> None:
-    with closing(sqlite3.connect(path)) as db:
-        for statement in statements:
-            db.execute(statement)
-        db.commit()
 
 
 def both_refuse(store: SupportStore, match: str) -> None:
@@ -54,7 +47,7 @@ def test_the_database_of_another_program_is_refused(
     tmp_path: Path, statements: tuple[str, ...]
 ) -> None:
     path = tmp_path / "places.db"
-    run(path, *statements)
+    alter(path, *statements)
     both_refuse(SupportStore(path), "another program")
 
 

@@ -6,11 +6,10 @@ from __future__ import annotations
 import os
 import random
 import shutil
-import sqlite3
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,7 +18,7 @@ import pytest
 from cases import cases
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from storing import as_ordinary_user, fork, give_away, interrupt, make_clip, same, succeeded
+from storing import alter, as_ordinary_user, fork, give_away, interrupt, make_clip, same, succeeded
 
 from actioncli.clips.clip import Clip
 from actioncli.errors import ActionCliError, StoreError
@@ -37,12 +36,9 @@ SCHEMAS = Path(__file__).with_name("schemas")
 @contextmanager
 def temporary_store() -> Iterator[SupportStore]:
     """A store in memory where there is a file system for that: hypothesis makes many."""
-    memory = Path("/dev/shm")
-    folder = tempfile.mkdtemp(dir=memory if os.access(memory, os.W_OK) else None)
-    try:
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    with tempfile.TemporaryDirectory(dir=memory) as folder:
         yield SupportStore(Path(folder) / "home" / "support.db")
-    finally:
-        shutil.rmtree(folder)
 
 
 def flip(store: SupportStore, seed: int, copied: bool = False) -> bytes:
@@ -54,6 +50,13 @@ def flip(store: SupportStore, seed: int, copied: bool = False) -> bytes:
     content[content.index(joints[-200:])] ^= 1
     store.path.write_bytes(content)
     return bytes(content)
+
+
+def repaired(store: SupportStore) -> Repair:
+    """What the repair of a damaged store did."""
+    done = store.repair()
+    assert done is not None
+    return done
 
 
 class Truth:
@@ -220,15 +223,13 @@ def test_the_copy_fills_up_what_cannot_be_read(store: SupportStore) -> None:
     assert make_backup(store.path)
     store.enroll("later", make_clip(7, 60))  # within the minute: not in the copy yet
     flip(store, 1, copied=True)
-    done = store.repair()
-    assert done is not None
+    done = repaired(store)
     assert (done.labels, done.gone, done.doubtful) == (
         {1: "wave", 2: "wave", 3: "wave", 4: "later"}, [], [],
     )  # fmt: skip
     assert same(store.clip(2), make_clip(1, 60))
     flip(store, 7)
-    done = store.repair()
-    assert done is not None
+    done = repaired(store)
     assert [(gone.id, gone.label) for gone in done.gone] == [(4, "later")]
 
 
@@ -238,8 +239,7 @@ def test_a_damaged_copy_is_believed_only_where_it_is_proved(store: SupportStore)
     copy = SupportStore(backup_path(store.path))
     flip(copy, 2, copied=True)
     store.path.write_bytes(os.urandom(20_000))
-    done = store.repair()
-    assert done is not None
+    done = repaired(store)
     assert done.labels == {1: "wave", 2: "wave"}
     assert [gone.id for gone in done.gone] == [3]
     assert not done.complete
@@ -258,9 +258,7 @@ def test_a_note_that_changed_makes_an_example_doubtful(store: SupportStore) -> N
         content[content.rindex(text)] ^= 2
         store.path.write_bytes(content)
         assert damage(store.path)
-        done = store.repair()
-        assert done is not None
-        return done
+        return repaired(store)
 
     done = flipped(b"by the window")
     assert (done.doubtful, done.gone) == ([1], [])
@@ -281,8 +279,7 @@ def test_the_longest_names_leave_room_for_the_damaged_file(tmp_path: Path, name:
         content[-PAGE:] = bytes(PAGE)
         store.path.write_bytes(content)
         store.path.with_name(name + "-journal").write_bytes(b"no journal")
-        done = store.repair()
-        assert done is not None
+        done = repaired(store)
         assert done.kept.read_bytes() == content
     assert store.check() == []
 
@@ -299,8 +296,7 @@ def test_an_interrupted_write_is_undone_before_repairing(store: SupportStore) ->
     )
     content = flip(store, 1)
     interrupted = journal.read_bytes()
-    done = store.repair()
-    assert done is not None
+    done = repaired(store)
     assert done.kept.read_bytes() == content
     assert done.kept.with_name(done.kept.name + "-journal").read_bytes() == interrupted
     assert not journal.exists()
@@ -314,8 +310,7 @@ def test_several_repairs_keep_several_files(store: SupportStore) -> None:
     assert store.repair() is None
     for turn in range(2):
         flip(store, turn)
-        done = store.repair()
-        assert done is not None
+        done = repaired(store)
         assert done.kept.name == ("support.db.damaged" if turn == 0 else "support.db.damaged-2")
     assert len(store.examples()) == 1
 
@@ -340,8 +335,7 @@ def test_an_interrupted_repair_leaves_no_part_of_the_damaged_file(
     monkeypatch.undo()
     assert not list(store.path.parent.glob("*.damaged*"))
     assert store.path.read_bytes() == content
-    done = store.repair()
-    assert done is not None
+    done = repaired(store)
     assert done.kept.name == "support.db.damaged"
     assert done.kept.read_bytes() == content
 
@@ -429,16 +423,15 @@ def test_what_is_no_support_set_is_left(tmp_path: Path, content: bytes) -> None:
 
 def test_another_database_and_a_newer_one_are_left(store: SupportStore, tmp_path: Path) -> None:
     other = SupportStore(tmp_path / "places.db")
-    with closing(sqlite3.connect(other.path)) as db:
-        db.execute("CREATE TABLE bookmarks (url TEXT)")
-        db.commit()
+    alter(other.path, "CREATE TABLE bookmarks (url TEXT)")
     with pytest.raises(StoreError, match="nothing of a support set was found"):
         other.repair()
     store.enroll("wave", make_clip(0))
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute("ALTER TABLE examples ADD COLUMN colour TEXT")
-        db.execute(f"PRAGMA user_version = {len(MIGRATIONS) + 1}")
-        db.commit()
+    alter(
+        store.path,
+        "ALTER TABLE examples ADD COLUMN colour TEXT",
+        f"PRAGMA user_version = {len(MIGRATIONS) + 1}",
+    )
     before = store.path.read_bytes()
     with pytest.raises(StoreError, match="newer release"):
         store.repair()
@@ -447,11 +440,8 @@ def test_another_database_and_a_newer_one_are_left(store: SupportStore, tmp_path
 
 def test_a_version_that_is_a_flipped_bit_is_mended(store: SupportStore) -> None:
     store.enroll("wave", make_clip(0))
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute(f"PRAGMA user_version = {len(MIGRATIONS) ^ 64}")
-        db.commit()
-    done = store.repair()
-    assert done is not None
+    alter(store.path, f"PRAGMA user_version = {len(MIGRATIONS) ^ 64}")
+    done = repaired(store)
     assert done.labels == {1: "wave"}
     assert store.check() == []
 
@@ -465,8 +455,7 @@ def test_a_damaged_store_of_the_first_schema_is_salvaged(tmp_path: Path) -> None
     joints = clips[3].joints.astype("<f4").tobytes()
     content[content.index(joints[-64:])] ^= 1
     store.path.write_bytes(content)
-    done = store.repair()
-    assert done is not None
+    done = repaired(store)
     assert sorted(done.labels) == sorted(clips.keys() - {3})
     assert [(gone.id, gone.label) for gone in done.gone] == [(3, "squat")]
     assert done.doubtful == []
@@ -487,8 +476,7 @@ def test_a_store_that_is_gone_comes_back_from_its_copy(store: SupportStore, gone
     with pytest.raises(StoreError, match="brings it back"):
         store.enroll("hop", make_clip(9))
     assert backup_path(store.path).read_bytes() == whole
-    done = store.repair()
-    assert done is not None
+    done = repaired(store)
     assert done.labels == {1: "wave", 2: "wave", 3: "wave"}
     assert store.check() == []
     store.enroll("hop", make_clip(9))

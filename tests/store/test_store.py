@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import re
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from storing import make_clip, same
+from storing import alter, make_clip, same
 
 from actioncli.errors import ClipError, StoreError, SupportError, UsageError
 from actioncli.store.store import Action, Inserted, SupportStore
@@ -160,9 +158,7 @@ def test_it_can_be_used_in_a_with_block(store: SupportStore) -> None:
 
 def test_damage_of_one_example_names_it_and_it_can_be_removed(store: SupportStore) -> None:
     store.enroll_all((label, make_clip(seed)) for seed, label in enumerate(["wave", "clap"]))
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute("UPDATE examples SET joints = zeroblob(length(joints)) WHERE id = 1")
-        db.commit()
+    alter(store.path, "UPDATE examples SET joints = zeroblob(length(joints)) WHERE id = 1")
     assert store.check()[0].startswith(f"{store.path}: example 1 of 'wave' is damaged")
     for ask in (store.support, lambda: store.clip(1)):
         with pytest.raises(StoreError, match="doctor --repair"):
@@ -183,10 +179,7 @@ def test_columns_of_another_kind_are_damage(
     store: SupportStore, tmp_path: Path, change: str
 ) -> None:
     store.enroll("wave", make_clip(0))
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute("PRAGMA ignore_check_constraints = ON")
-        db.execute(f"UPDATE examples SET {change}")
-        db.commit()
+    alter(store.path, "PRAGMA ignore_check_constraints = ON", f"UPDATE examples SET {change}")
     assert store.check()
     for ask in (store.support, lambda: store.clip(1), lambda: store.export(tmp_path / "out")):
         with pytest.raises(StoreError, match="damaged"):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from storing import as_ordinary_user, give_away
+from storing import alter, as_ordinary_user, give_away
 
 from actioncli import Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.errors import StoreError
@@ -151,9 +151,7 @@ def test_a_damaged_old_store_is_not_brought_up_to_date(old: tuple[SupportStore, 
 def test_a_newer_schema_is_refused_by_name(old: tuple[SupportStore, Told]) -> None:
     """Going back to an older release: it says so, and touches nothing."""
     store, _ = old
-    with closing(sqlite3.connect(store.path)) as db:
-        db.execute(f"PRAGMA user_version = {len(MIGRATIONS) + 1}")
-        db.commit()
+    alter(store.path, f"PRAGMA user_version = {len(MIGRATIONS) + 1}")
     before = hashlib.sha256(store.path.read_bytes()).digest()
     for use in (store.actions, store.clear, lambda: store.rename("wave", "wink")):
         with pytest.raises(StoreError, match=r"newer release .* Update actioncli"):
