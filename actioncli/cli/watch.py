@@ -26,7 +26,7 @@ from actioncli.cli.options import (
 from actioncli.cli.output import OutputError, note, printable, say
 from actioncli.cli.video import check_annotation, video_progress
 from actioncli.errors import ActionCliError, UsageError
-from actioncli.files import json_text
+from actioncli.files import json_text, user_settings
 from actioncli.pose import RETRY_SECONDS, without_password
 from actioncli.pose.read import is_video
 
@@ -180,7 +180,10 @@ def watch(
     if page:
         from actioncli.cli.studio import serve
 
-        given = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep, "csv": table}
+        # A broker that is set once and for all is none that was asked for here.
+        broker = None if mqtt == user_settings().get("mqtt") else mqtt
+        given: dict[str, object]
+        given = {"exec": execute, "mqtt": broker, "webhook": webhook, "beep": beep, "csv": table}
         given |= {"srt": subtitles, "annotate": annotate, "record": record, "facing": facing}
         given |= {"sets": not each, "tau": tau, "hands": hands, "weights": weights}
         for option, value in given.items():
