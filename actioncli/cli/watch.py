@@ -26,7 +26,7 @@ from actioncli.cli.options import (
 from actioncli.cli.output import OutputError, note, printable, say
 from actioncli.cli.video import check_annotation, video_progress
 from actioncli.errors import ActionCliError, UsageError
-from actioncli.files import json_text
+from actioncli.files import json_text, user_settings
 from actioncli.pose import RETRY_SECONDS, without_password
 from actioncli.pose.read import is_video
 
@@ -182,8 +182,10 @@ def watch(
     if page:
         from actioncli.cli.studio import serve
 
+        # A broker that is set once and for all is none that was asked for here.
+        broker = None if mqtt == user_settings().get("mqtt") else mqtt
         names = "exec mqtt webhook beep csv srt annotate record facing sets tau hands weights"
-        given = (execute, mqtt, webhook, beep, table, subtitles, annotate, record, facing)
+        given = (execute, broker, webhook, beep, table, subtitles, annotate, record, facing)
         others = (not each, tau, hands, weights)
         for option, value in zip(names.split(), (*given, *others), strict=True):
             if value not in (None, False):
