@@ -136,9 +136,9 @@ def _quality(value: Any) -> str:
 
 
 # What users may set, and what checks it: file of the support set, pose network, threshold where
-# none was calibrated, what `watch` looks at.
+# none was calibrated, what `watch` looks at, and the broker that it sends to.
 SETTINGS: Mapping[str, Callable[[Any], object]] = MappingProxyType(
-    {"store": _path, "quality": _quality, "tau": _share, "camera": str}
+    {"store": _path, "quality": _quality, "tau": _share, "camera": str, "mqtt": str}
 )
 
 

@@ -104,7 +104,7 @@ def test_a_folder_that_is_gone_is_told(tmp_path: Path) -> None:
 @pytest.fixture
 def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("ACTIONCLI_HOME", str(tmp_path))
-    for name in ("STORE", "QUALITY", "TAU", "CAMERA"):
+    for name in ("STORE", "QUALITY", "TAU", "CAMERA", "MQTT"):
         monkeypatch.delenv(f"ACTIONCLI_{name}", raising=False)
     return tmp_path / "config.toml"
 
@@ -135,7 +135,7 @@ def test_settings_are_those_of_the_file_and_the_environment_wins(
         ("quality = 'best'", "quality cannot be 'best'"),
         ("store = 3", "store cannot be 3"),
         ("store = '~nobody-of-this-name/a.db'", "home"),
-        ("threshold = 0.5", "no setting 'threshold', only store, quality, tau, camera"),
+        ("threshold = 0.5", "no setting 'threshold', only store, quality, tau, camera, mqtt"),
         ("tau 0.5", "Expected"),
         ("\udcff", "utf-8"),
     ],

@@ -260,11 +260,11 @@ def finite_or_refused(recognizer: Recognizer, make: Any) -> None:
     try:
         query = make()
         decision = recognizer.classify(query, SUPPORT)
-        as_support = recognizer.classify(CLIPS["squat/ben"], {**SUPPORT, "odd": [query]})
-        as_negative = recognizer.classify(CLIPS["squat/ben"], SUPPORT, negatives=[query])
+        support = {**SUPPORT, "odd": [query]}
+        enrolled = recognizer.classify(CLIPS["squat/ben"], support, negatives=[query])
     except ClipError:
         return
-    for each in (decision, as_support, as_negative):
+    for each in (decision, enrolled):
         assert 0 <= each.confidence <= 1
         for ranked in each.ranking:
             assert 0 <= ranked.confidence <= 1

@@ -5,8 +5,11 @@
 FOLDER holds ACTION/PERSON.*. Every way to enrol one clip of each of the actions is tried; the
 other clips of these actions are to be recognised, all remaining actions rejected. Then, for
 `watch`, one clip each is enrolled and all others are joined into one video, in an order drawn from
-`--seed`; its events are compared with what was joined, over several such videos. Prints tables in
-Markdown.
+`--seed`; its events are compared with what was joined, over several such videos. Last, an action is
+enrolled by one of its repetitions in a video, and counted in that video among all others.
+`repetitions.csv` holds what a person counted on stills, 8 to 24 a second: whole repetitions, each
+from the posture in which the enrolled one begins, of the same side; of punches pairs, of a walk
+strides. Prints tables in Markdown.
 """
 
 from __future__ import annotations
@@ -215,8 +218,8 @@ def counting(
 ) -> list[str]:
     """Rows: tau, and how well sets are counted in all videos joined to one.
 
-    For each set its action is enrolled by one of its repetitions, beside three others of as many
-    actions. Other people's performances of these actions are left out of account.
+    For each set its action is enrolled by one of its repetitions, beside three other actions. Other
+    people's performances of these actions are left out of account.
     """
     with COUNTED.open(newline="") as file:
         rows = {row["video"]: row for row in csv.DictReader(file)}

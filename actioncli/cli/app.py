@@ -251,7 +251,7 @@ With --json, standard output holds one JSON document and nothing else; an error 
 command is {"error": {"type", "message", "exit_code"}}. Its line on standard error stays.
 
 Defaults of your own stand in config.toml beside the support set, `tau = 0.7` for instance: store,
-quality, tau, camera; or in the environment: ACTIONCLI_TAU. `doctor` shows them.
+quality, tau, camera, mqtt; or in the environment: ACTIONCLI_TAU. `doctor` shows them.
 """
 
 
@@ -288,5 +288,6 @@ def _defaults() -> dict[str, Any]:
     """The user's settings as defaults of options, by command."""
     found = user_settings()
     quality = {"quality": found["quality"]} if "quality" in found else {}
-    camera = {"source": found["camera"]} if "camera" in found else {}
-    return {**dict.fromkeys(COMMANDS, quality), "watch": {**quality, **camera}}
+    watch = {"camera": "source", "mqtt": "mqtt"}
+    watched = {option: found[name] for name, option in watch.items() if name in found}
+    return {**dict.fromkeys(COMMANDS, quality), "watch": {**quality, **watched}}

@@ -147,9 +147,11 @@ def _repair(settings: Settings) -> Repair | None:
 
 def _settings() -> Check:
     from actioncli.files import NoHomeError, settings_file, user_settings
+    from actioncli.pose import without_password
 
     try:
-        found = ", ".join(f"{name} {value}" for name, value in user_settings().items())
+        set_ = user_settings().items()
+        found = ", ".join(f"{name} {without_password(value)}" for name, value in set_)
         return Check("settings", "ok", f"{found or 'none'} ({settings_file()}, environment)")
     except NoHomeError as error:
         return Check("settings", "ok", str(error))

@@ -26,11 +26,13 @@ from actioncli.cli.options import (
 from actioncli.cli.output import OutputError, note, printable, say
 from actioncli.cli.video import check_annotation, video_progress
 from actioncli.errors import ActionCliError, UsageError
-from actioncli.files import json_text
+from actioncli.files import json_text, user_settings
 from actioncli.pose import RETRY_SECONDS, without_password
 from actioncli.pose.read import is_video
 
 if TYPE_CHECKING:
+    from rich.live import Live
+
     from actioncli.live.events import EventDetector
     from actioncli.live.reactions import Reaction
     from actioncli.live.watching import Stream
@@ -180,16 +182,18 @@ def watch(
     if page:
         from actioncli.cli.studio import serve
 
-        given = {"exec": execute, "mqtt": mqtt, "webhook": webhook, "beep": beep, "csv": table}
-        given |= {"srt": subtitles, "annotate": annotate, "record": record, "facing": facing}
-        given |= {"sets": not each, "tau": tau, "hands": hands, "weights": weights}
-        for option, value in given.items():
+        # A broker that is set once and for all is none that was asked for here.
+        broker = None if mqtt == user_settings().get("mqtt") else mqtt
+        names = "exec mqtt webhook beep csv srt annotate record facing sets tau hands weights"
+        given = (execute, broker, webhook, beep, table, subtitles, annotate, record, facing)
+        others = (not each, tau, hands, weights)
+        for option, value in zip(names.split(), (*given, *others), strict=True):
             if value not in (None, False):
                 raise UsageError(f"--page shows what is told, and takes no --{option}.")
         serve(settings, camera=source)
         return
     name = without_password(source)
-    view = _Screen() if sys.stderr.isatty() and not settings.quiet else _Plain()
+    view = _View(sys.stderr.isatty() and not settings.quiet)
     inputs = [Path(source)] if is_video(source) else []
     for file in (table, subtitles, annotate):
         if file is not None:
@@ -219,7 +223,7 @@ def watch(
         support = load_support(settings, store, recognizer, tau)
         follow = _Following(FollowedSupport(store, recognizer, tau), reactions, tell)
         recorder = Recorder(record, support.threshold, name) if record is not None else None
-        with view:
+        with view.live or contextlib.nullcontext():
             for event in events_of(
                 source,
                 follow,
@@ -280,7 +284,7 @@ class _Following:
 
 
 def _reactions(
-    view: _Plain, execute: str | None, mqtt: str | None, webhook: str | None, beep: bool
+    view: _View, execute: str | None, mqtt: str | None, webhook: str | None, beep: bool
 ) -> list[Reaction]:
     """What is done at events.
 
@@ -300,7 +304,7 @@ def _reactions(
         raise UsageError("--beep rings the bell of a terminal, and standard error is none.")
     reactions: list[Reaction] = [Bell(view.ring)] if beep else []
     if execute is not None:
-        reactions.append(CommandRunner(execute, note, note if view.above else None))
+        reactions.append(CommandRunner(execute, note, note if view.live else None))
     if webhook is not None:
         reactions.append(Webhook(webhook, note))
     if mqtt is not None:
@@ -308,66 +312,35 @@ def _reactions(
     return reactions
 
 
-class _Plain:
-    """Where nobody looks, or standard error is a file: lines, one after another.
-
-    Attributes:
-        above: whether what others write to the terminal has to be put above it.
-    """
-
-    above = False
-
-    def __enter__(self) -> None:
-        """Begin."""
-
-    def __exit__(self, *_: object) -> None:
-        """End."""
-
-    def draw(self, now: float, stream: Stream, detector: EventDetector) -> None:
-        """A frame: nothing."""
-
-    def say(self, line: str) -> None:
-        """An event, to standard output."""
-        say(line)
-
-    def note(self, line: str) -> None:
-        """What a person should know, to standard error."""
-        note(printable(line))
-
-    def ring(self) -> None:
-        """The terminal's bell."""
-        typer.echo("\a", nl=False, err=True)
-
-
-class _Screen(_Plain):
-    """Frame rate, time left, whether the body is in view, and the ranking, on standard error.
+class _View:
+    """Events and notes as lines; below them, on a terminal, frame rate, time left, whether the body
+    is in view, and the ranking.
 
     What else goes to the same terminal would be drawn over: the view itself puts it above.
+
+    Attributes:
+        live: what is redrawn; None where nobody looks, or standard error is a file.
     """
 
-    above = True
-
-    def __init__(self) -> None:
-        from rich.console import Console
-        from rich.live import Live
-
-        self._live = Live(
-            console=Console(stderr=True),
-            refresh_per_second=8,
-            transient=True,
-            redirect_stdout=False,
-            redirect_stderr=False,
-        )
+    def __init__(self, shown: bool) -> None:
+        self.live: Live | None = None
         self._times: list[float] = []
+        if shown:
+            from rich.console import Console
+            from rich.live import Live
 
-    def __enter__(self) -> None:
-        self._live.start()
-
-    def __exit__(self, *_: object) -> None:
-        self._live.stop()
+            self.live = Live(
+                console=Console(stderr=True),
+                refresh_per_second=8,
+                transient=True,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
 
     def draw(self, now: float, stream: Stream, detector: EventDetector) -> None:
         """A frame; rich limits how often that reaches the terminal."""
+        if self.live is None:
+            return
         from rich.text import Text
 
         self._times = [*self._times[-30:], time.monotonic()]
@@ -381,18 +354,23 @@ class _Screen(_Plain):
         ]
         if detector.current is not None:
             lines.append(f"  now: {printable(detector.current.label)}")
-        self._live.update(Text("\n".join(lines)))
+        self.live.update(Text("\n".join(lines)))
 
     def say(self, line: str) -> None:
-        """An event, to standard output where that is not the same terminal."""
-        if sys.stdout.isatty() and os.ttyname(1) == os.ttyname(2):
+        """An event, to standard output."""
+        if self.live and sys.stdout.isatty() and os.ttyname(1) == os.ttyname(2):
             self._above(line)
         else:
             say(line)
 
     def note(self, line: str) -> None:
-        """What a person should know."""
-        self._above(printable(line))
+        """What a person should know, to standard error."""
+        (self._above if self.live else note)(printable(line))
+
+    def ring(self) -> None:
+        """The terminal's bell."""
+        typer.echo("\a", nl=False, err=True)
 
     def _above(self, line: str) -> None:
-        self._live.console.print(line, markup=False, emoji=False, highlight=False, soft_wrap=True)
+        assert self.live is not None
+        self.live.console.print(line, markup=False, emoji=False, highlight=False, soft_wrap=True)

@@ -231,3 +231,6 @@ class _ClipStream(Stream):
     def state(self, now: float) -> str:
         """How much is left."""
         return f"{self._clip.duration - now:.0f} s left"
+
+    def close(self) -> None:
+        """Nothing to let go of."""

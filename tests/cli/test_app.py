@@ -68,8 +68,13 @@ def test_own_settings_are_defaults_of_options(
     keep_threshold(filled, Threshold(0.4, Recognizer().weights.checksum))
     assert invoke("classify", squat).exit_code == 0
     assert "camera 7" in invoke("watch").stderr
+    # Without a topic it is refused before anything is sent.
+    file.write_text(f"{file.read_text()}mqtt = 'mqtt://me:secret@host'\n")
+    assert "the address ends in a topic" in invoke("watch").stderr
     found = invoke("doctor").stdout
-    assert re.search(rf"settings +ok +tau 1.0, quality accurate, camera 7 \({file}", found)
+    assert re.search(
+        rf"settings +ok +tau 1.0, quality accurate, camera 7, mqtt mqtt://host \({file}", found
+    )
     file.write_text("quality = 'best'")
     for words in (["list"], ["classify", squat]):
         result = invoke(*words)

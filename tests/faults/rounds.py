@@ -24,12 +24,12 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from worker import State, Task, Worker, checksum, encode, make_clip
+from worker import State, Task, Worker, checksum, make_clip
 
 from actioncli import read_clip
 from actioncli.errors import StoreError
@@ -136,8 +136,10 @@ class Round:
         self.fill_or_not()
         for turn in range(self.random.randint(2, 4)):
             count = self.random.choice([1, 1, 2, 3])
+            # Only one that is alone may change the threshold.
+            tau = self.tau if count == 1 else None
             for place in range(count):
-                self.start(f"{turn}-{place}", steps=50, tau=self.tau_of(count))
+                self.start(f"{turn}-{place}", steps=50, tau=tau)
             for report in self.workers[-count:]:
                 self.kill_one(report)
             self.finish()
@@ -355,10 +357,6 @@ class Round:
         if self.random.random() < 0.5:
             self.fill()
 
-    def tau_of(self, count: int) -> float | None:
-        """The threshold that stands, for the only worker that may change it."""
-        return self.tau if count == 1 else None
-
     def start(
         self,
         name: str,
@@ -380,7 +378,11 @@ class Round:
             child = fork(lambda: Worker(task, send).run(), ordinary, limit)
         else:
             settings = {"FAULT_SEED": str(self.seed), "LD_PRELOAD": str(self.shim), **environment}
-            words = [sys.executable, str(Path(__file__).with_name("worker.py")), encode(task)]
+            words = [
+                sys.executable,
+                str(Path(__file__).with_name("worker.py")),
+                json.dumps(asdict(task)),
+            ]
             child = os.posix_spawn(
                 words[0], words, {**os.environ, **settings},
                 file_actions=[(os.POSIX_SPAWN_DUP2, send, 1)],

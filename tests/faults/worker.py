@@ -12,7 +12,7 @@ import os
 import random
 import sys
 import unicodedata  # noqa: F401 - a process without rights on the interpreter cannot import it
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -180,21 +180,17 @@ class Worker:
     locals()["import"] = import_
 
     def classify(self) -> None:
-        """What a query needs: every action's embeddings, computed where there are none."""
+        """What a query needs: the clip of every example that has no embedding, which is all."""
         self.begin("classify", self.copied())
         snapshot = self.store.snapshot("w")
         found: dict[str, list[FloatArray]] = {}
         for example in snapshot.examples:
-            if self.owns(example.label) and not example.negative:
-                embedding = snapshot.embeddings.get(example.id)
-                if embedding is None:
-                    embedding = snapshot.clips[example.id].joints[:, :, 0]
-                found.setdefault(example.label, []).append(embedding)
-        counts = {label: len(rows) for label, rows in found.items()}
-        assert counts == {label: len(held) for label, held in self.state.items()}, counts
+            if example.label.startswith(f"{self.task.name} "):
+                found.setdefault(example.label, []).append(snapshot.clips[example.id].joints)
+        assert found.keys() == self.state.keys(), found.keys()
         for label, held in self.state.items():
-            for row, number in zip(found[label], held, strict=True):
-                assert np.array_equal(row, make_clip(number, self.task.frames).joints[:, :, 0])
+            for joints, number in zip(found[label], held, strict=True):
+                assert np.array_equal(joints, make_clip(number, self.task.frames).joints)
         assert not self.tau or kept_threshold(self.store) is not None
 
     def calibrate(self) -> None:
@@ -202,15 +198,6 @@ class Worker:
         tau = 0.0 if self.random.random() < 0.4 else round(self.random.uniform(0.01, 0.99), 6)
         self.begin("calibrate", self.copied(), tau)
         keep_threshold(self.store, Threshold(tau, "w") if tau else None)
-
-    def owns(self, label: str) -> bool:
-        """Whether a label is this worker's."""
-        return label.startswith(f"{self.task.name} ")
-
-
-def encode(task: Task) -> str:
-    """A task as an argument of this program."""
-    return json.dumps(asdict(task))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.clips.view import faces_sensor
 from actioncli.errors import SupportError
-from actioncli.live.events import ODDS, STRIDE, Event, EventDetector
+from actioncli.live.events import AGAIN, ODDS, STRIDE, Event, EventDetector
 from actioncli.live.watching import watch
 from actioncli.model.config import ModelConfig
 from actioncli.model.weights import Weights
@@ -168,6 +168,18 @@ def test_every_repetition_is_an_event_and_counted() -> None:
     found = script.see(WAVE, windows=[0]) + script.rest(30)
     found += script.see(WAVE, windows=[0]) + script.rest(6)
     assert [event.repetitions for event in found] == [1, 1]  # too long a rest
+
+
+def test_a_repetition_needs_less_than_the_first() -> None:
+    odds = 0.5 * (AGAIN + ODDS)
+    found = []
+    script = Script("wave", "squat")
+    for sure, rest in ((odds, 6), (0.99 / 0.01, 6), (odds, 20), (odds, 6)):
+        found.append(len(script.see({"wave": sure / (1 + sure)}, windows=[0]) + script.rest(rest)))
+    assert found == [0, 1, 1, 0]  # the last comes too late
+    script.see(WAVE, windows=[0])
+    script.rest(6)
+    assert script.see({"squat": odds / (1 + odds)}, windows=[0]) + script.rest(6) == []
 
 
 def test_the_next_event_begins_where_the_last_one_ended() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -80,42 +81,32 @@ def test_a_store_that_was_opened_to_others_is_told_and_closed(store: SupportStor
     assert store.check() == []
 
 
-@pytest.mark.parametrize("action", ["actions", "enroll"])
-def test_what_cannot_be_a_store_is_named(tmp_path: Path, action: str) -> None:
-    def use(path: Path | str) -> None:
-        store = SupportStore(path)
-        if action == "actions":
-            store.actions()
-        else:
-            store.enroll("wave", make_clip(0))
-
-    with pytest.raises(StoreError, match="is a folder") as error:
-        use(tmp_path)
-    assert error.value.exit_code == 5
-
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.write_text("")
-    link = tmp_path / "support.db"
-    link.symlink_to(elsewhere)
-    with pytest.raises(StoreError, match="symbolic link"):
-        use(link)
-    assert elsewhere.read_text() == ""
-    dangling = tmp_path / "dangling.db"
-    dangling.symlink_to(tmp_path / "nothing")
-    with pytest.raises(StoreError, match="symbolic link"):
-        use(dangling)
-    assert not (tmp_path / "nothing").exists()
-
+@pytest.mark.parametrize("use", [SupportStore.actions, lambda s: s.enroll("wave", make_clip(0))])
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("", "is a folder"), ("link", "symbolic link"), ("dangling", "symbolic link"),
+        ("pipe", "no ordinary file"), ("a\0b", "cannot be a file name"),
+        ("x" * 5000, "cannot hold a support set"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_a_store_is_named(
+    tmp_path: Path, name: str, why: str, use: Callable[[SupportStore], object]
+) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(StoreError, match="no ordinary file"):
-        use(tmp_path / "pipe")
-    with pytest.raises(StoreError, match="cannot be a file name"):
-        use("a\0b")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(StoreError, match=why) as error:
+        use(SupportStore(tmp_path / name))
+    assert error.value.exit_code == 5
+    assert sorted(tmp_path.rglob("*")) == before
+    assert (tmp_path / "file").read_text() == ""
+    in_no_folder = SupportStore(tmp_path / "file" / "support.db")
+    assert in_no_folder.actions() == []
     with pytest.raises(StoreError, match="cannot hold a support set"):
-        use("/" + "x" * 5000)
-    if action == "enroll":
-        with pytest.raises(StoreError, match="cannot hold a support set"):
-            use(elsewhere / "in no folder.db")
+        in_no_folder.enroll("wave", make_clip(0))
 
 
 def test_permissions_are_told(shared_folder: Path) -> None:
