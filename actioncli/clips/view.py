@@ -25,7 +25,8 @@ from actioncli.errors import ClipError
 # A part that is seen in a smaller share of the frames is out of view.
 LEAST_SEEN = 0.5
 # Torso lengths that the middle and the end of a limb go from their mean places: below the first
-# a guess trembles; what is seen and goes less than the second may go along (a kick's arms).
+# a guess trembles; what is seen and goes less than the second may go along (a kick's arms), unless
+# it goes twice as far as the guess.
 _LEAST_GUESS, _LEAST_SEEN_MOTION = 0.1, 0.3
 # Degrees by which who faces the sensor may be turned from it.
 FACING = 45.0
@@ -90,7 +91,7 @@ def check_view(clip: Clip) -> None:
         return
     motion = _motion(clip)
     most = max(moved for part, moved in motion.items() if part not in hidden)
-    bound = _LEAST_GUESS if most < _LEAST_SEEN_MOTION else most
+    bound = max(_LEAST_GUESS, most / 2) if most < _LEAST_SEEN_MOTION else most
     guessed = [part for part in hidden if motion[part] > bound]
     if guessed:
         raise ClipError(

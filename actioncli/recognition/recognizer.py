@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from actioncli.clips.checks import moves
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
 from actioncli.clips.view import view_notes
@@ -26,6 +27,8 @@ from actioncli.recognition.windows import mean_durations, most_windows, odds_fac
 # Clips and windows that are embedded and compared at a time, and their frames: each clip takes a
 # quarter of a megabyte, and another one for every thousand frames.
 _AT_ONCE, _FRAMES_AT_ONCE = 256, 2**15
+# The most that confidence can be where nobody moves.
+_SURE_OF_STILL = 0.001
 
 
 class _Enrolled(NamedTuple):
@@ -133,7 +136,8 @@ class Recognizer:
         In a clip that is much longer than the enrolled ones, the action may be a part: windows
         then compete with the whole, and the decision is about the part that shows an action
         best, see `recognition.windows`. The odds 1 / confidence - 1 of a window are multiplied by
-        `odds_factor` of the number of windows; where distances are odds, so are they.
+        `odds_factor` of the number of windows; where distances are odds, so are they. Where nobody
+        moves the confidence is at most .001, and no such window is chosen.
 
         Args:
             clip: the query, or its embedding (F, E).
@@ -226,11 +230,12 @@ class Recognizer:
         found = [tuple(values[[row]] for values in first)]
         notes: tuple[str, ...] = ()
         spans: list[tuple[float, float]] = []
+        still = False
         if isinstance(clip, Clip):
-            notes = clip.notes + view_notes(clip)
+            notes, still = clip.notes + view_notes(clip), not moves(clip)
             spans = [(clip.start, clip.start + clip.duration)]
             # Of ten thousand windows only what their comparison gives is kept.
-            for block in _blocks(windows(clip, enrolled.durations)):
+            for block in _blocks(() if still else windows(clip, enrolled.durations)):
                 of_block = self.compare(self.embed(block), enrolled.actions)
                 found.append((of_block.distance, of_block.confidence, of_block.probability))
                 spans += [(part.start, part.start + part.duration) for part in block]
@@ -238,37 +243,45 @@ class Recognizer:
         distance, confidence, probability = map(np.concatenate, zip(*found, strict=True))
         count = len(distance) - 1
         odds = np.float32(odds_factor(count))
-        factor = odds if self.weights.config.distance_is_odds else np.float32(1)
+        odds_are_distance = self.weights.config.distance_is_odds
+        factor = odds if odds_are_distance else np.float32(1)
         confidence[1:] /= confidence[1:] + (1 - confidence[1:]) * odds
         distance[1:] *= factor
+        if still:  # no motion, no action, whatever the score
+            confidence = np.minimum(confidence, np.float32(_SURE_OF_STILL))
+            if odds_are_distance:
+                distance = np.maximum(distance, np.float32(1 / _SURE_OF_STILL - 1))
 
-        def beside_negatives(row: int) -> tuple[bool, float, float]:
+        def window(row: int) -> Clip:
+            assert isinstance(clip, Clip)
+            start, end = (time - clip.start for time in spans[row])
+            return cut(clip, start, end)
+
+        def beside_negatives(row: int) -> tuple[bool, float | None, float]:
             """Whether the nearest negative is nearer than every action, its distance and its
             confidence."""
-            embedded = whole
-            if row and isinstance(clip, Clip):
-                start, end = (time - clip.start for time in spans[row])
-                embedded = self.embed([cut(clip, start, end)])
-            apart = self.compare(embedded, enrolled.negatives)
+            if not enrolled.negatives:
+                return False, None, 0.0
+            apart = self.compare(self.embed([window(row)]) if row else whole, enrolled.negatives)
             at = apart.distance[0].argmin()
             away = apart.distance[0, at] * (factor if row else 1)
             nearer = bool(away < distance[row].min())
             return nearer, float(away), float(apart.confidence[0, at])
 
-        surest = confidence[np.arange(count + 1), distance.argmin(axis=1)]
-        order = np.argsort(-surest, kind="stable").tolist()
-        best, negative = order[0], None
-        if enrolled.negatives:
-            # A clip that shows a negative is rejected as a whole; a window like one is left out.
-            of_whole = beside_negatives(0)
-            nearer, negative, confidence_of_whole = of_whole
-            best = 0
-            if not nearer or confidence_of_whole <= enrolled.threshold.tau:
-                for each in order:
-                    nearer, away, _ = beside_negatives(each) if each else of_whole
-                    if not nearer:
-                        best, negative = each, away
-                        break
+        # A clip that shows a negative is rejected as a whole; a window like one is left out, and
+        # one in which nobody moves.
+        of_whole = beside_negatives(0)
+        nearer, negative, confidence_of_whole = of_whole
+        best = 0
+        if not nearer or confidence_of_whole <= enrolled.threshold.tau:
+            surest = confidence[np.arange(count + 1), distance.argmin(axis=1)]
+            for each in np.argsort(-surest, kind="stable").tolist():
+                if each and not moves(window(each)):
+                    continue
+                nearer, away, _ = beside_negatives(each) if each else of_whole
+                if not nearer:
+                    best, negative = each, away
+                    break
         if best:
             start, end = spans[best]
             notes += (f"matched {start:.1f} s to {end:.1f} s, the surest of {count} windows",)

@@ -137,3 +137,26 @@ def test_other_configurations_are_refused(clips: list[Clip]) -> None:
     other = Recognizer(Weights(CONFIG, broken, {}, "", Path("broken")))
     with pytest.raises(WeightsError, match="no numbers"):
         other.compare(clips[:1], {"": clips[:1]})
+
+
+def without_legs(clip: Clip) -> Clip:
+    """As somebody at a desk is seen."""
+    joints = clip.joints.copy()
+    names = ("hip", "pelv", "kne", "ank", "toe", "foo")
+    joints[:, [at for at, name in enumerate(clip.joint_names) if name.endswith(names)]] = np.nan
+    return Clip(joints, clip.joint_names, clip.fps)
+
+
+@pytest.mark.parametrize(
+    ("action", "of_legs"),
+    [("wave_right", False), ("punch_right", False), ("squat", True), ("kick_right", True)],
+)
+def test_legs_that_are_not_seen_neither_speak_for_an_action_nor_against_one(
+    action: str, of_legs: bool
+) -> None:
+    recognizer = Recognizer()
+    whole = read_clip(next((EXAMPLES / action).glob("ada.npz"), EXAMPLES / action / "dev.npz"))
+    desk = without_legs(whole)
+    for query, enrolled in ((desk, whole), (whole, desk)):
+        confidence = float(recognizer.compare([query], {action: [enrolled]}).confidence[0, 0])
+        assert confidence < 0.002 if of_legs else confidence > 0.5

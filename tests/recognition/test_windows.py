@@ -164,6 +164,22 @@ def test_an_ordinary_clip_is_compared_as_ever() -> None:
         assert decision.ranking == alone.ranking
 
 
+@pytest.mark.parametrize("label", sorted(SUPPORT))
+@pytest.mark.parametrize("seconds", [1.0, 3.0, 12.0])
+def test_where_nobody_moves_there_is_no_action(label: str, seconds: float) -> None:
+    """The first pose of what is enrolled, held, with a sensor's noise: as an example it would be
+    itself."""
+    clip = SUPPORT[label][0]
+    noise = np.random.default_rng(0).normal(0, 0.003, (round(seconds * 30), *clip.joints[0].shape))
+    still = Clip(clip.joints[:1] + noise, clip.joint_names, 30)
+    decision = RECOGNIZER.classify(still, {label: [still, clip]}, tau=0.01)
+    assert not decision.accepted
+    assert decision.confidence < 0.0011
+    assert decision.ranking[0].distance == pytest.approx(999, rel=1e-3)
+    after = RECOGNIZER.classify(joined(still, clip), SUPPORT, tau=0.01)
+    assert after.label == label
+
+
 @given(st.sampled_from(sorted(QUERIES)), st.floats(0, 8), st.floats(0, 8))
 @settings(max_examples=cases(12))
 def test_idling_before_and_after_changes_little(label: str, before: float, after: float) -> None:
