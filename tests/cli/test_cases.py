@@ -148,6 +148,29 @@ def stills(shared: Path, at: float, frames: int) -> list[np.ndarray]:
     ]
 
 
+@pytest.mark.parametrize(
+    ("video", "below", "of_legs"),
+    [
+        ("squat/momokaM.mp4", 440, True),
+        ("lunge/aitW2.mp4", 372, True),
+        ("clap/sudB.avi", 246, False),
+    ],
+)
+def test_legs_that_a_video_does_not_show(
+    invoke: Invoke, shared: Path, tmp_path: Path, video: str, below: int, of_legs: bool
+) -> None:
+    """As at a desk: the picture ends at the waist."""
+    whole = next((shared / "video").glob(f"{video.split('.')[0]}.*"))
+    file = VideoFile(whole)
+    images = [frame.image[:below, : frame.image.shape[1] // 2 * 2] for frame in file.frames()]
+    desk = write_video(tmp_path / "desk.mp4", images, file.fps)
+    done = invoke("enroll", "at a desk", desk)
+    assert ("not in view" in done.stderr, done.exit_code) == (True, 3 if of_legs else 0)
+    assert invoke("enroll", "whole", whole, "--store", tmp_path / "whole.db").exit_code == 0
+    asked = invoke("classify", desk, "--store", tmp_path / "whole.db")
+    assert asked.exit_code == (1 if of_legs else 0), asked.stdout
+
+
 def test_still_person(invoke: Invoke, shared: Path, tmp_path: Path) -> None:
     video = write_video(tmp_path / "still.mp4", stills(shared, 2, 24), 8)
     for part in (("--start", 0, "--end", 3), ("--start", 0, "--end", 0.2), ()):
