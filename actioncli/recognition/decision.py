@@ -55,7 +55,8 @@ class Decision:
 
     Attributes:
         label: the recognised action, or None where the clip is rejected.
-        accepted: confidence > tau, and no negative is nearer than the nearest action.
+        accepted: confidence > tau, no negative is nearer than the nearest action, and somebody
+            moves.
         confidence: that the clip shows the nearest action, in [0, 1].
         tau: the threshold of the nearest action.
         nearest: the nearest enrolled action, accepted or not.
@@ -143,6 +144,7 @@ def decide(
     negative: float | None = None,
     notes: tuple[str, ...] = (),
     part: tuple[float, float] | None = None,
+    still: bool = False,
 ) -> Decision:
     """Accept or reject the nearest action, by its threshold and the nearest negative.
 
@@ -152,6 +154,7 @@ def decide(
         threshold: what confidence must exceed.
         negative: distance to the nearest negative.
         notes, part: as in `Decision`.
+        still: nobody moves in what is decided about, which rejects it at any confidence.
     """
     order = np.argsort(comparison.distance[row], kind="stable")
     measured = (comparison.distance, comparison.probability, comparison.confidence)
@@ -165,7 +168,9 @@ def decide(
             f"nearer to a negative (distance {negative:.2f}) than to {nearest.label!r} "
             f"({nearest.distance:.2f})",
         )
-    accepted = nearest.confidence > tau and not negative_is_nearer
+    if still:
+        notes += ("nobody moves, so it shows no action",)
+    accepted = nearest.confidence > tau and not negative_is_nearer and not still
     return Decision(
         label=nearest.label if accepted else None,
         accepted=accepted,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from actioncli.clips.checks import is_still
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
 from actioncli.clips.view import view_notes
@@ -273,8 +274,11 @@ class Recognizer:
             start, end = spans[best]
             notes += (f"matched {start:.1f} s to {end:.1f} s, the surest of {count} windows",)
         comparison = Comparison(compared.labels, distance, confidence, probability)
-        part = spans[best] if spans else None
-        return decide(comparison, best, enrolled.threshold, negative, notes, part)
+        part, still = spans[best] if spans else None, False
+        if isinstance(clip, Clip):
+            shown = cut(clip, *(time - clip.start for time in spans[best])) if best else clip
+            still = is_still(shown)
+        return decide(comparison, best, enrolled.threshold, negative, notes, part, still)
 
 
 def _blocks(clips: Iterable[Clip]) -> Iterator[list[Clip]]:
