@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from actioncli.clips.active import active_part
+from actioncli.clips.checks import is_still
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
 from actioncli.clips.view import faces_sensor
@@ -170,7 +171,8 @@ class EventDetector:
             room = _OVERLAP * (now - seen.start)
             if seen.start < since - room or clip is None:
                 continue
-            if self._facing and not faces_sensor(_window(seen, clip, now)):
+            shown = _window(seen, clip, now)
+            if is_still(shown) or (self._facing and not faces_sensor(shown)):
                 continue
             match = self.current
             if match is None or seen.start >= match.end - room:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from actioncli.clips.checks import moves
+from actioncli.clips.checks import is_still
 from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.edit import cut
 from actioncli.clips.view import view_notes
@@ -27,8 +27,8 @@ from actioncli.recognition.windows import mean_durations, most_windows, odds_fac
 # Clips and windows that are embedded and compared at a time, and their frames: each clip takes a
 # quarter of a megabyte, and another one for every thousand frames.
 _AT_ONCE, _FRAMES_AT_ONCE = 256, 2**15
-# The most that confidence can be where nobody moves.
-_SURE_OF_STILL = 0.001
+# The least distance, as odds, where nobody moves.
+_FAR = 1000
 
 
 class _Enrolled(NamedTuple):
@@ -137,7 +137,7 @@ class Recognizer:
         then compete with the whole, and the decision is about the part that shows an action
         best, see `recognition.windows`. The odds 1 / confidence - 1 of a window are multiplied by
         `odds_factor` of the number of windows; where distances are odds, so are they. Where nobody
-        moves the confidence is at most .001, and no such window is chosen.
+        moves the confidence is 0, and no such window is chosen.
 
         Args:
             clip: the query, or its embedding (F, E).
@@ -232,7 +232,7 @@ class Recognizer:
         spans: list[tuple[float, float]] = []
         still = False
         if isinstance(clip, Clip):
-            notes, still = clip.notes + view_notes(clip), not moves(clip)
+            notes, still = clip.notes + view_notes(clip), is_still(clip)
             spans = [(clip.start, clip.start + clip.duration)]
             # Of ten thousand windows only what their comparison gives is kept.
             for block in _blocks(() if still else windows(clip, enrolled.durations)):
@@ -247,10 +247,11 @@ class Recognizer:
         factor = odds if odds_are_distance else np.float32(1)
         confidence[1:] /= confidence[1:] + (1 - confidence[1:]) * odds
         distance[1:] *= factor
-        if still:  # no motion, no action, whatever the score
-            confidence = np.minimum(confidence, np.float32(_SURE_OF_STILL))
+        if still:
+            notes += ("nobody moves, so it shows no action",)
+            confidence = np.zeros_like(confidence)
             if odds_are_distance:
-                distance = np.maximum(distance, np.float32(1 / _SURE_OF_STILL - 1))
+                distance = np.maximum(distance, np.float32(_FAR))
 
         def window(row: int) -> Clip:
             assert isinstance(clip, Clip)
@@ -276,7 +277,7 @@ class Recognizer:
         if not nearer or confidence_of_whole <= enrolled.threshold.tau:
             surest = confidence[np.arange(count + 1), distance.argmin(axis=1)]
             for each in np.argsort(-surest, kind="stable").tolist():
-                if each and not moves(window(each)):
+                if each and is_still(window(each)):
                     continue
                 nearer, away, _ = beside_negatives(each) if each else of_whole
                 if not nearer:

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from actioncli.clips.checks import findings, moves, noted, require_usable
+from actioncli.clips.checks import findings, is_still, moves, noted, require_usable
 from actioncli.clips.clip import Clip
 from actioncli.clips.read import read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.errors import ClipError
+from actioncli.recognition.support import SupportSet
 
 from .bodies import waving
 
@@ -108,6 +109,23 @@ def test_a_still_picture_does_not_move_however_long() -> None:
         joints += noise.normal(0, 0.004, joints.shape)
         assert not moves(Clip(joints, DEFAULT_JOINTS))
     assert moves(Clip(waving(), DEFAULT_JOINTS))
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.004, 0.008])
+def test_a_still_query_is_rejected_whatever_its_score(noise: float) -> None:
+    squat = example()
+    support = SupportSet.from_clips({"squat": [squat]}, tau=0.0)
+    held = np.repeat(squat.joints[:1], 60, axis=0)
+    held = held + np.random.default_rng(0).normal(0, noise, held.shape)
+    still = Clip(held, squat.joint_names, squat.fps)
+    decision = support.classify(still)
+    assert is_still(still)
+    assert (decision.accepted, decision.notes[-1]) == (False, "nobody moves, so it shows no action")
+    assert not is_still(squat)
+    assert support.classify(squat).accepted
+    # What moves a little, and is seen without noise, moves.
+    little = squat.joints.mean(axis=0) + 0.02 * (squat.joints - squat.joints.mean(axis=0))
+    assert not is_still(Clip(little, squat.joint_names, squat.fps))
 
 
 def test_what_was_not_seen_is_no_fault() -> None:

@@ -172,10 +172,10 @@ def test_where_nobody_moves_there_is_no_action(label: str, seconds: float) -> No
     clip = SUPPORT[label][0]
     noise = np.random.default_rng(0).normal(0, 0.003, (round(seconds * 30), *clip.joints[0].shape))
     still = Clip(clip.joints[:1] + noise, clip.joint_names, 30)
-    decision = RECOGNIZER.classify(still, {label: [still, clip]}, tau=0.01)
+    decision = RECOGNIZER.classify(still, {label: [still, clip]}, tau=0.0)
     assert not decision.accepted
-    assert decision.confidence < 0.0011
-    assert decision.ranking[0].distance == pytest.approx(999, rel=1e-3)
+    assert decision.confidence == 0
+    assert decision.ranking[0].distance >= 1000
     after = RECOGNIZER.classify(joined(still, clip), SUPPORT, tau=0.01)
     assert after.label == label
 
