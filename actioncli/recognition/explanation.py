@@ -23,7 +23,7 @@ from actioncli.clips.clip import Clip
 from actioncli.clips.edit import cut
 from actioncli.clips.parts import PARTS, PartFrames, prepare_parts
 from actioncli.errors import WeightsError
-from actioncli.model import parts, parts_tokens
+from actioncli.model import parts, parts_compare, parts_tokens
 from actioncli.model.arrays import sigmoid
 from actioncli.model.config import PartsConfig
 from actioncli.model.parts_tokens import PART_BONES
@@ -47,6 +47,8 @@ class Explanation:
         attention: (T, T) share of the query's attention to the example's moments, mean over the
             parts that both show; rows add up to 1.
         exchanged: the confidence if these parts had moved as in the example, of one to three.
+        hidden: whether too much of what moves in one clip is out of view in the other, which
+            rejects whatever the score.
     """
 
     example: int
@@ -55,10 +57,13 @@ class Explanation:
     moments: NDArray[np.float64]
     attention: NDArray[np.float64]
     exchanged: Mapping[tuple[str, ...], float]
+    hidden: bool = False
 
     def lacking(self, tau: float) -> str:
         """What would have had to be alike for a confidence above tau, the fewest parts: `with both
         arms as in the example it would have been accepted (confidence 0.61 > tau 0.50)`."""
+        if self.hidden:
+            return "much of what moves in it or in the example is out of view in the other"
         enough = {names: sure for names, sure in self.exchanged.items() if sure > tau}
         if not enough:
             return "most of the body moves in another way"
@@ -110,8 +115,10 @@ def explain(recognizer: Recognizer, query: Clip, examples: Sequence[Clip]) -> Ex
     params, config = recognizer.weights.tensors, recognizer.weights.config
     if not isinstance(config, PartsConfig):
         raise WeightsError(f"{recognizer.weights.path}: only weights of recipe default explain.")
-    each = {str(number): [clip] for number, clip in enumerate(examples)}
-    example = int(recognizer.compare([query], each).confidence[0].argmax())
+    each = {str(number): recognizer.embed([clip]) for number, clip in enumerate(examples)}
+    asked_whole = recognizer.embed([query])
+    example = int(recognizer.compare(asked_whole, each).confidence[0].argmax())
+    hidden = parts_compare.hidden(config, asked_whole, each[str(example)])
     frames = prepare_parts([query, examples[example]], config.preparation)
     body, hands, gone = parts_tokens.tokens(config, *frames)
     p, t = gone.shape[1:]
@@ -142,6 +149,7 @@ def explain(recognizer: Recognizer, query: Clip, examples: Sequence[Clip]) -> Ex
         moments=lost[p:],
         attention=attention.astype(np.float64),
         exchanged=_exchanged(recognizer, config, frames, [PARTS[part] for part in shown]),
+        hidden=bool(hidden[0, 0] > parts_compare.MOST_HIDDEN),
     )
 
 

@@ -252,7 +252,8 @@ def test_an_ordinary_day_is_counted_and_becomes_negatives(
     assert counts == sorted(counts, reverse=True)
     [chosen] = [row for row in dry["rates"] if row["tau"] == dry["tau"]]
     assert (chosen["events"], dry["kept"], dry["negatives"]) == (0, False, [])
-    assert dry["tau"] > max(event["confidence"] for event in dry["events"])
+    # The lowest at which there are so few: how sure an event is depends on those before it.
+    assert all(row["events"] for row in dry["rates"] if row["tau"] < dry["tau"])
     assert kept_threshold(store) == Threshold(0.5, checksum)
     assert len(store.negatives()) == 0
     often = ask(*words, "--dry-run", "--target-events", 1e4)

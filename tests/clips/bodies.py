@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -139,6 +140,20 @@ def write_bvh(file: Path, body: Floats, scale: float = 1.0) -> Path:
         values = [*frame[0], 0, 0, 0, *(frame[1:] - frame[0]).ravel()]
         lines.append(" ".join(f"{value:.6f}" for value in values))
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return file
+
+
+def write_c3d(file: Path, body: Floats) -> Path:
+    """With the library that reads them, in millimetres, z up."""
+    ezc3d = importlib.import_module("ezc3d")
+    content = ezc3d.c3d()
+    point = content["parameters"]["POINT"]
+    point["RATE"]["value"], point["UNITS"]["value"] = [100.0], ["mm"]
+    point["LABELS"]["value"] = list(DEFAULT_JOINTS)
+    points = np.ones((4, len(DEFAULT_JOINTS), len(body)))
+    points[:3] = 1000 * TO_FILE["z"](body).transpose(2, 1, 0)
+    content["data"]["points"] = points
+    content.write(str(file))
     return file
 
 

@@ -19,7 +19,7 @@ with atheris.instrument_imports(include=["actioncli", "json.decoder", "zipfile",
     from readers import CORPUS, READERS, mutator
 
     # Otherwise imported at their first use, which would leave them without instruments.
-    from actioncli.clips.formats import bvh, csv_file, json_file, npy, npz, ntu, trc  # noqa: F401
+    from actioncli.clips.formats import bvh, c3d, csv_file, json_file, npy, npz, ntu, trc  # noqa: F401
     from actioncli.errors import ActionCliError
 
 # Longer files only repeat what shorter ones say, and the small ones are read far more often.

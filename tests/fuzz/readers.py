@@ -221,6 +221,7 @@ READERS: Mapping[str, Reader] = {
     "ntu": Reader(".skeleton", _clip),
     "trc": Reader(".trc", _clip),
     "bvh": Reader(".bvh", _clip),
+    "c3d": Reader(".c3d", _clip),
     "collection": Reader(".npz", read_collection, _unpack_zip, _pack_zip),
     "weights": Reader(".safetensors", _weights, _unpack_weights, _pack_weights, _with_zeros),
     "archive": Reader(".safetensors", _archive, _unpack_archive, _pack_archive),

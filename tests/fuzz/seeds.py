@@ -22,6 +22,7 @@ from clips.bodies import (
     kinect_v2,
     waving,
     write_bvh,
+    write_c3d,
     write_csv,
     write_json,
     write_npy,
@@ -62,6 +63,7 @@ def main() -> None:
     write_ntu(CORPUS / "ntu/seed", [[("1", frame), ("2", frame + 1)] for frame in kinect_v2(BODY)])
     write_trc(CORPUS / "trc/seed", BODY)
     write_bvh(CORPUS / "bvh/seed", BODY)
+    _renamed("c3d/seed.c3d", lambda file: write_c3d(file, BODY))
     _renamed("collection/seed.npz", lambda file: np.savez(
         file, joints_mm=(1000 * np.concatenate([BODY, BODY])).astype(np.int16),
         lengths=np.array([3, 3]), labels=np.array(["a", "b"]), subjects=np.array(["s", "s"]),

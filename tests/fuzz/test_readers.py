@@ -21,6 +21,8 @@ KEPT = Path(__file__).parents[2] / ".fuzz"
 
 @pytest.mark.parametrize("name", READERS)
 def test_the_corpus_is_read_or_refused(name: str, tmp_path: Path) -> None:
+    if name == "c3d":
+        pytest.importorskip("ezc3d", reason="needs the extra c3d")
     reader = READERS[name]
     files = sorted((CORPUS / name).iterdir())
     assert files
@@ -72,5 +74,6 @@ def test_fuzzing_finds_nothing(name: str, tmp_path: Path) -> None:
     assert run.returncode == 0, said[-4000:]
     executed = said.partition("stat::number_of_executed_units:")[2].split()
     assert executed, said[-2000:]
-    assert int(executed[0]) > 100, said[-2000:]
+    # A .c3d is read in a process of its own.
+    assert int(executed[0]) > (10 if name == "c3d" else 100), said[-2000:]
     print(f"{name}: {executed[0]} executions in {SECONDS} s")

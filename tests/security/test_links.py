@@ -112,7 +112,7 @@ def test_recordings_are_private_and_do_not_follow_links(shared: Path, precious: 
         for name in ("0001_x.npz", "0001_x.json"):
             (shared / "seen" / name).symlink_to(precious / "thesis.npz")
         recorder.update(CLIP, 3.0, (), [Event("../../x\x1b[2J", 0.5, 2.5, 0.9)], busy=False)
-        recorder._keep(CLIP, "x", 0.9, True, 0.5, 2.5)
+        recorder._keep(Event("x", 0.5, 2.5, 0.9), (CLIP, 3.0), 2.5)
     finally:
         os.umask(old)
     assert stat.S_IMODE((shared / "seen").stat().st_mode) == 0o700

@@ -1,4 +1,5 @@
-"""C3D: markers of optical motion capture, read by ezc3d (the extra `c3d`).
+"""C3D: markers of optical motion capture, read by ezc3d (the extra `c3d`) in a process of its own,
+which a damaged file may crash or keep busy.
 
 The markers of the common sets (Plug-in Gait, Helen Hayes and others of OpenSim, Qualisys) stand for
 the joints that they lie on; where a joint has one on each side, it is between them.
@@ -6,9 +7,11 @@ the joints that they lie on; where a joint has one on each side, it is between t
 
 from __future__ import annotations
 
-import importlib
+import io
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +23,23 @@ from actioncli.errors import ClipError
 
 # What the format itself can count to.
 _MOST_MARKERS = 2**16
+# Seconds; an hour of fifty markers takes a few.
+_LONGEST_READ = 120
+_READ = """
+import sys
+import numpy as np, ezc3d
+content = ezc3d.c3d(sys.argv[1])
+stated, data = content["parameters"]["POINT"], content["data"]
+def value(*keys):
+    return [str(one) for key in keys if key in stated for one in stated[key]["value"]]
+np.savez(
+    sys.stdout.buffer,
+    points=np.asarray(data["points"][:3], np.float64),
+    residuals=np.asarray(data["meta_points"]["residuals"][0], np.float64),
+    labels=np.array(value("LABELS", "LABELS2"), str),
+    stated=np.array([(value(key) or [""])[0] for key in ("RATE", "UNITS", "Y_SCREEN")], str),
+)
+"""
 
 
 def read(file: Path) -> Recording:
@@ -28,28 +48,28 @@ def read(file: Path) -> Recording:
     Raises:
         ClipError: ezc3d is not installed, or the file is damaged.
     """
-    try:
-        ezc3d = importlib.import_module("ezc3d")
-    except ImportError as error:
+    if find_spec("ezc3d") is None:
         raise ClipError(
             f"{file}: .c3d needs ezc3d: pip install 'actioncli[c3d]'; or save its markers as .trc."
-        ) from error
+        )
+    words = [sys.executable, "-c", _READ, str(file.absolute())]
     try:
-        content = ezc3d.c3d(str(file))
-        stated = content["parameters"]["POINT"]
-        points = np.asarray(content["data"]["points"], np.float64)
-        residuals = np.asarray(content["data"]["meta_points"]["residuals"], np.float64)
-        labels = [str(label) for key in ("LABELS", "LABELS2") for label in _values(stated, key)]
-    # The library's own errors are of many types.
-    except Exception as error:
-        text = str(error)[:200]
-        raise ClipError(f"{file}: is a damaged .c3d file: {text}.") from error
+        done = subprocess.run(words, capture_output=True, timeout=_LONGEST_READ, check=False)
+        if done.returncode:
+            said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:200]
+            raise ClipError(f"{file}: is a damaged .c3d file: {said or 'its reader crashed'}.")
+        with np.load(io.BytesIO(done.stdout), allow_pickle=False) as read_there:
+            points, residuals = read_there["points"], read_there["residuals"]
+            labels = read_there["labels"].tolist()
+            rate, unit, up = read_there["stated"].tolist()
+    except subprocess.TimeoutExpired as error:
+        raise ClipError(f"{file}: is a damaged .c3d file: reading it does not end.") from error
     count, frames = points.shape[1:]
     if not 0 < count < _MOST_MARKERS or frames > LONGEST_CLIP or count * frames > LARGEST_CLIP:
         raise ClipError(f"{file}: {frames} frames of {count} markers are no clip.")
     names = [*labels, *(f"marker {at}" for at in range(count))][:count] if labels else None
-    positions = points[:3].transpose(2, 1, 0)
-    positions[residuals[0].T < 0] = np.nan
+    positions = points.transpose(2, 1, 0)
+    positions[residuals.T < 0] = np.nan
     if names is not None:
         first = {name: at for at, name in reversed(list(enumerate(names)))}
         columns = default_columns(tuple(first))
@@ -60,16 +80,10 @@ def read(file: Path) -> Recording:
     with np.errstate(over="ignore", invalid="ignore"):
         places = np.ascontiguousarray(positions, np.float32)[:, None]
     check_range(places, str(file))
-    rate = next(iter(_values(stated, "RATE")), None)
-    up = parse_up(str(next(iter(_values(stated, "Y_SCREEN")), "")))
     return Recording(
         places,
         joint_names=None if names is None else tuple(names),
-        fps=float(rate) if rate else None,
-        unit=str(next(iter(_values(stated, "UNITS")), "")) or None,
-        rest_up=up,
+        fps=float(rate) if rate and float(rate) else None,
+        unit=unit or None,
+        rest_up=parse_up(up),
     )
-
-
-def _values(group: Any, key: str) -> list[Any]:
-    return list(group[key]["value"]) if key in group else []
