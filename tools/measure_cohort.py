@@ -14,6 +14,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from measure_windows import logits
 
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.collection import read_collection
@@ -44,15 +45,6 @@ def main() -> None:
         f"{CLIPS} training clips": recognizer.embed([data.clips[row] for row in chosen]),
     }
 
-    def logits(queries: FloatArray, examples: FloatArray) -> FloatArray:
-        blocks = [
-            {str(row): examples[[row]] for row in range(start, min(start + 200, len(examples)))}
-            for start in range(0, len(examples), 200)
-        ]
-        return np.concatenate(
-            [-np.log(recognizer.compare(queries, block).distance) for block in blocks], axis=1
-        )
-
     def say(name: str, taken: FloatArray) -> None:
         """A line, where `taken` (N,) of each clip is taken from its logits."""
         score, right, enrolled = [], [], []
@@ -70,12 +62,12 @@ def main() -> None:
         )
         print("|", name, "|", " | ".join(f"{figure:.3f}" for figure in figures), "|", flush=True)
 
-    raw = [logits(embedded[asked], embedded[support])
+    raw = [logits(recognizer, embedded[asked], embedded[support])
            for support, asked, _ in validation._episodes]  # fmt: skip
     print("| cohort | closed accuracy | AUROC | OSCR |\n| --- | --- | --- | --- |")
     say("none", np.zeros(len(embedded), np.float32))
     for name, cohort in cohorts.items():
-        near = np.sort(logits(embedded, cohort), axis=1)
+        near = np.sort(logits(recognizer, embedded, cohort), axis=1)
         for k in NEAREST:
             for share in SHARES:
                 say(f"{name}, {k} nearest, {share:g}", share / 2 * near[:, -k:].mean(axis=1))

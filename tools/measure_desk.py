@@ -13,13 +13,13 @@ import argparse
 import tempfile
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from actioncli import Clip, ClipError, Recognizer, read_clip
 from actioncli.clips.checks import require_usable
 from actioncli.pose import VIDEO_SUFFIXES
 from actioncli.pose.frames import VideoFile
+from actioncli.pose.mp4 import mp4_writer
 from actioncli.pose.video import read_poses
 
 UPPER, TAU = 0.55, 0.5
@@ -36,13 +36,10 @@ def at_a_desk(video: Path, folder: Path) -> Path:
     seen = poses.visibility[:, FEET[:2]].max(axis=1) > 0.3
     feet = np.quantile(height[seen][:, FEET], 0.98) if seen.any() else poses.size[1]
     wide, high = poses.size[0] // 2 * 2, min(int(head + UPPER * (feet - head)), poses.size[1])
-    file = VideoFile(video)
-    out = folder / f"{video.stem}.mp4"
-    codec = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(out), codec, file.fps, (wide, high // 2 * 2))
-    for frame in file.frames():
-        writer.write(np.ascontiguousarray(frame.image[: high // 2 * 2, :wide]))
-    writer.release()
+    file, out = VideoFile(video), folder / f"{video.stem}.mp4"
+    with mp4_writer(out, file.fps, ["mp4v"]) as write:
+        for frame in file.frames():
+            write(np.ascontiguousarray(frame.image[: high // 2 * 2, :wide]))
     return out
 
 

@@ -13,6 +13,7 @@ if rightly named, and of others.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from actioncli.clips.clip import Clip, FloatArray
 from actioncli.clips.collection import read_collection
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.evaluation.splits import read_splits
+from actioncli.model.parts_compare import EXACT
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.recognition.windows import windows
 from actioncli.training.data import TrainingSet, hold_out, query_of, training_set
@@ -55,10 +57,19 @@ def episode(
     return [clip(row) for row in enrolled], queries
 
 
-def logits(recognizer: Recognizer, clips: list[Clip], enrolled: list[Clip]) -> FloatArray:
-    """(clips, enrolled) log odds."""
-    compared = recognizer.compare(clips, {str(way): [each] for way, each in enumerate(enrolled)})
-    return np.asarray(-np.log(compared.distance))
+def logits(
+    recognizer: Recognizer,
+    queries: Sequence[Clip] | FloatArray,
+    examples: Sequence[Clip] | FloatArray,
+) -> FloatArray:
+    """Log odds (queries, examples) of clips or their embeddings, all of them compared in full."""
+    asked, enrolled = recognizer.embed(queries), recognizer.embed(examples)
+    found = []
+    for start in range(0, len(enrolled), EXACT):
+        block = enrolled[start : start + EXACT, None]
+        actions = {str(place): example for place, example in enumerate(block)}
+        found.append(-np.log(recognizer.compare(asked, actions).distance))
+    return np.concatenate(found, axis=1)
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from measure_windows import logits
 
 from actioncli.clips.clip import FloatArray
 from actioncli.clips.collection import read_collection
@@ -77,8 +78,7 @@ def main() -> None:
     label, person, source = held.labels[rows], held.subjects[rows], held.collections[rows]
     recognizer = Recognizer(given.weights)
     embedded = recognizer.embed([held.clips[row] for row in rows])
-    each = {str(place): embedded[[place]] for place in range(len(rows))}
-    odds = -np.log(recognizer.compare(embedded, each).distance)
+    odds = logits(recognizer, embedded, embedded)
     found: dict[str, list[tuple[float, bool, bool]]] = {name: [] for name in (*WAYS, ATTENDED)}
     for _ in range(given.episodes):
         here = source == rng.choice(np.unique(source))

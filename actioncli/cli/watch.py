@@ -184,10 +184,11 @@ def watch(
 
         # A broker that is set once and for all is none that was asked for here.
         broker = None if mqtt == user_settings().get("mqtt") else mqtt
-        names = "exec mqtt webhook beep csv srt annotate record facing sets tau hands weights"
-        given = (execute, broker, webhook, beep, table, subtitles, annotate, record, facing)
-        others = (not each, tau, hands, weights)
-        for option, value in zip(names.split(), (*given, *others), strict=True):
+        given: dict[str, object]
+        given = {"exec": execute, "mqtt": broker, "webhook": webhook, "beep": beep, "csv": table}
+        given |= {"srt": subtitles, "annotate": annotate, "record": record, "facing": facing}
+        given |= {"sets": not each, "tau": tau, "hands": hands, "weights": weights}
+        for option, value in given.items():
             if value not in (None, False):
                 raise UsageError(f"--page shows what is told, and takes no --{option}.")
         serve(settings, camera=source)
@@ -205,11 +206,11 @@ def watch(
     reactions += [timeline.subtitles(subtitles)] if subtitles is not None else []
     film = Film()
     reactions += [film] if annotate is not None else []
-
-    told: list[object] = []
+    silent = True
 
     def tell(line: str) -> None:
-        told.append(line)
+        nonlocal silent
+        silent = False
         if not settings.quiet:
             view.note(f"note: {name}: {line}")
 
@@ -236,12 +237,12 @@ def watch(
                 on_frame=frame,
                 note=tell,
             ):
-                told.append(event)
+                silent = False
                 document = {**event.to_json(), "weights": recognizer.weights.checksum}
                 view.say(json_text(document, indent=None) if settings.json else event_line(event))
                 for react in reactions:
                     react(event)
-        if inputs and not told:
+        if inputs and silent:
             tell("no event; a second example, or a lower --tau, tells more")
         if annotate is not None:
             with video_progress(annotate, shown=not settings.quiet) as progress:

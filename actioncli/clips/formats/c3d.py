@@ -8,6 +8,7 @@ the joints that they lie on; where a joint has one on each side, it is between t
 from __future__ import annotations
 
 import io
+import os
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -23,10 +24,16 @@ from actioncli.errors import ClipError
 
 # What the format itself can count to.
 _MOST_MARKERS = 2**16
-# Seconds; an hour of fifty markers takes a few.
-_LONGEST_READ = 120
+# What a reader may take that a damaged header sends astray: seconds, and seconds and bytes for each
+# byte (an hour of fifty markers is 300 MB, and is read in a few seconds).
+_PATIENCE, _SLOWEST, _ROOM = 5.0, 1e-6, 64
 _READ = """
 import sys
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+except (ImportError, ValueError, OSError):
+    pass
 import numpy as np, ezc3d
 content = ezc3d.c3d(sys.argv[1])
 stated, data = content["parameters"]["POINT"], content["data"]
@@ -52,9 +59,14 @@ def read(file: Path) -> Recording:
         raise ClipError(
             f"{file}: .c3d needs ezc3d: pip install 'actioncli[c3d]'; or save its markers as .trc."
         )
-    words = [sys.executable, "-c", _READ, str(file.absolute())]
+    # -P: modules of that name in the folder where the user is are not imported.
+    size = file.stat().st_size
+    words = [sys.executable, "-P", "-c", _READ, str(file.absolute()), str(2**31 + _ROOM * size)]
+    # A numpy of many threads reserves memory for each of them.
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    patience = _PATIENCE + _SLOWEST * size
     try:
-        done = subprocess.run(words, capture_output=True, timeout=_LONGEST_READ, check=False)
+        done = subprocess.run(words, capture_output=True, timeout=patience, check=False, env=alone)
         if done.returncode:
             said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:200]
             raise ClipError(f"{file}: is a damaged .c3d file: {said or 'its reader crashed'}.")

@@ -93,3 +93,24 @@ def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (tmp_path / "a.c3d").write_bytes(b"\x02P" + bytes(510))
     with pytest.raises(ClipError, match=r"pip install 'actioncli\[c3d\]'"):
         read_clip(tmp_path / "a.c3d")
+
+
+def test_what_lies_where_the_user_is_does_not_take_the_reader_s_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write(tmp_path / "a.c3d", markers("LFHD RFHD LBHD RBHD"))
+    (tmp_path / "numpy.py").write_text("raise SystemExit('not the real one')")
+    monkeypatch.chdir(tmp_path)
+    assert len(read_clip(file, up="z").joints) == 40
+
+
+def test_a_header_that_sends_the_reader_astray_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = bytearray((Path(__file__).parents[2] / "fuzz/corpus/c3d/seed").read_bytes())
+    content[525] = 231  # where the next parameter stands
+    file = tmp_path / "a.c3d"
+    file.write_bytes(content)
+    monkeypatch.setattr("actioncli.clips.formats.c3d._PATIENCE", 1.0)
+    with pytest.raises(ClipError, match="reading it does not end"):
+        read_clip(file)
