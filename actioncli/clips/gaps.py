@@ -69,10 +69,10 @@ def filled(joints: FloatArray) -> FloatArray:
     """Joints (T, J, 3) with a place for what is NaN: on a line between the frames around it, at
     the ends the nearest frame's; a joint that is never there stands in the middle of the others."""
     gone: BoolArray = np.isnan(joints[..., 0])
-    seen = np.where(gone.all(axis=1)[:, None, None], 0, joints)
-    middle = np.nanmean(seen, axis=1, dtype=np.float64)
+    nobody: BoolArray = np.all(gone, axis=1)
+    middle = np.nanmean(np.where(nobody[:, None, None], 0, joints), axis=1, dtype=np.float64)
     joints, _ = interpolated(joints, gone, np.inf)
-    joints[:, gone.all(axis=0)] = middle[:, None]
+    joints[:, np.all(gone, axis=0)] = np.asarray(middle)[:, None]
     return joints
 
 
