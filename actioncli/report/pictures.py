@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from actioncli.clips.clip import Clip
+from actioncli.clips.drawing import PALETTES, Drawing, Line, Oval, Text, Theme, svg
 from actioncli.errors import UsageError
 from actioncli.files import replacing
 from actioncli.pose.mp4 import mp4_writer
-from actioncli.report.drawing import PALETTES, Drawing, Line, Oval, Text, Theme, svg
 from actioncli.report.figure import figure
 from actioncli.report.scenes import Example, moments, pictures, strip
 

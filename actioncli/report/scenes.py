@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.report.drawing import Drawing, Line, Oval, Shape, Text
+from actioncli.clips.drawing import Drawing, Line, Oval, Shape, Text
 from actioncli.report.figure import Figure, project
 
 # Poses in a strip: enough to see a movement, few enough to see each pose.

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from actioncli import Clip, UsageError, read_clip
-from actioncli.report.drawing import PALETTES, Drawing, Shape, Theme
+from actioncli.clips.drawing import PALETTES, Drawing, Shape, Theme
 from actioncli.report.pictures import write_picture
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
