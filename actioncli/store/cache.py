@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
     from actioncli.clips.clip import Clip
 
-# Of what the recogniser computes with the same weights; kept beside their checksum. 3: how
-# much a part moves is kept with it.
-REVISION = 3
+# Of what the recogniser computes with the same weights; kept beside their checksum. 4: limbs
+# that were swapped are put back.
+REVISION = 4
 
 _ALL = (
     "SELECT id, label, negative, weights, embeddings.frames, width, data, crc "
