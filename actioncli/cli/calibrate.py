@@ -219,12 +219,12 @@ def _read(
     files = find_any(paths)
     given = read_each(files, options, shown=not settings.quiet)
     with notes_of(settings, short_names(files)) as add_notes:
-        for path, clip in usable(given, recognizer):
-            if isinstance(clip, dict):
+        for path, found in usable(given, recognizer):
+            if isinstance(found, dict):
                 failed += 1
             else:
-                add_notes(path, clip.notes)
-                embeddings.append(recognizer.embed([clip]))
+                add_notes(path, found.clip.notes)
+                embeddings.append(found.embedding[None])
     return np.concatenate(embeddings), failed
 
 

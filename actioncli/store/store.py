@@ -18,6 +18,7 @@ from actioncli.store.examples import (
     holds_negatives,
     insert,
     list_examples,
+    read_outlines,
     read_record,
     read_records,
     rename_examples,
@@ -274,7 +275,8 @@ class SupportStore:
                 raise SupportError(f"Nothing is enrolled in {self.path}: nothing to export.")
             write_archive(
                 Path(path).absolute(),
-                lambda: (record for _, record in read_records(db, self.path)),
+                read_outlines(db, self.path),
+                (record for _, record in read_records(db, self.path)),
                 read_settings(db, self.path),
             )
         return int(count)
