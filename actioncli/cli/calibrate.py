@@ -153,10 +153,8 @@ def calibrate(
             )
         with settings.open_store() as store:
             keep_threshold(store, None)
-        if settings.json:
-            write_json({"tau": DEFAULT_TAU, "kept": False})
-        elif not settings.quiet:
-            say(f"No threshold is kept; classify uses tau {DEFAULT_TAU:g} unless --tau is given.")
+        line = f"No threshold is kept; classify uses tau {DEFAULT_TAU:g} unless --tau is given."
+        settings.answer({"tau": DEFAULT_TAU, "kept": False}, line)
         return
     if not 0 < target_far < 1:
         raise UsageError(f"--target-far must lie between 0 and 1, not {target_far:g}.")

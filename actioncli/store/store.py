@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
 from actioncli.store.backup import changing
-from actioncli.store.cache import Snapshot, read_snapshot, rename_embeddings, write_embeddings
+from actioncli.store.cache import Snapshot, read_embeddings, rename_embeddings, write_embeddings
 from actioncli.store.database import reading
 from actioncli.store.examples import (
     Example,
@@ -187,7 +187,16 @@ class SupportStore:
         Raises:
             StoreError: an example without an embedding is damaged, or a setting is.
         """
-        return read_snapshot(self.path, weights_checksum, settings)
+        with reading(self.path) as db:
+            examples = list_examples(db)
+            embeddings = read_embeddings(db, weights_checksum)
+            lacking = [each.id for each in examples if each.id not in embeddings]
+            records = {number: read_record(db, self.path, number) for number in lacking}
+            found: dict[str, str] = {}
+            for wanted in settings:
+                found |= read_settings(db, self.path, wanted)
+        clips = {number: record.clip() for number, record in records.items()}
+        return Snapshot(tuple(examples), embeddings, clips, found)
 
     def keep_embeddings(
         self, weights_checksum: str, embeddings: Mapping[int, NDArray[np.float32]]
