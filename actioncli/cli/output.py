@@ -210,7 +210,10 @@ def steps(*, shown: bool) -> Iterator[Callable[[str, float, float | None], None]
             bar = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)
             task = bar.add_task("", total=None)
         if bar is not None and task is not None:
-            bar.update(task, description=printable(what), completed=done, total=total)
+            from rich.markup import escape
+
+            # A file's name may look like markup.
+            bar.update(task, description=escape(printable(what)), completed=done, total=total)
             bar.start()  # once
 
     try:
