@@ -176,13 +176,12 @@ def _version_of(module: str) -> str:
 
 
 def _shipped_files() -> Iterator[Check]:
-    from actioncli.files import weights_folder
+    from actioncli.files import shipped_checksums, weights_folder
 
     folder = weights_folder()
     again = "install actioncli again"
     try:
-        listed = (folder / "SHA256SUMS").read_text("ascii").splitlines()
-        sums = {name: digest for digest, name in (line.split(maxsplit=1) for line in listed)}
+        sums = shipped_checksums()
     except (OSError, ValueError) as error:
         yield Check("shipped files", "problem", f"{error}; {again}", EXIT_INCOMPLETE)
         return
