@@ -111,7 +111,7 @@ def read(file: Path) -> Recording:
     times: list[float] = []
     people: list[str] = []
     for line, row in lines:
-        if len(row) < len(header):
+        if len(row) < len(header) or any(map(str.strip, row[len(header) :])):
             raise ClipError(f"{file}: line {line} has {len(row)} of {len(header)} columns.")
         places.parse([row[column] for column in wanted], line)
         if columns.time is not None:
