@@ -289,6 +289,11 @@ def _joint_names(recording: Recording, where: str) -> tuple[tuple[str, ...], tup
                 f"{where}: {joints} joints but {len(names)} joint names; give --layout "
                 f"({', '.join(LAYOUTS)})."
             )
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ClipError(
+                f"{where}: joint names appear twice: {', '.join(map(repr, twice))}; name each, or "
+                "give --layout."
+            )
         return names, ()
     if recording.layout is not None:
         named = LAYOUTS.get(recording.layout)
