@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.output import printable, say, write_json
+from actioncli.cli.output import colours, printable, say, write_json
 from actioncli.cli.reading import report_bad_clip
 from actioncli.errors import ClipError, UsageError
 from actioncli.files import replacing
@@ -95,7 +93,7 @@ def cameras(
 
 
 def _draw(settings: Settings, image: Image) -> None:
-    if settings.quiet or not sys.stdout.isatty() or "NO_COLOR" in os.environ:
+    if settings.quiet or not colours():
         return
     from actioncli.report.terminal import picture_lines
 

@@ -34,7 +34,7 @@ _NEEDED = (
 _OPTIONAL = (
     ("PIL", "pillow", "drawings as PNG, GIF, MP4; pip install 'actioncli[report]'"),
     ("starlette", "starlette", "studio and review --page; pip install 'actioncli[studio]'"),
-    ("ray", "ray", "batch; pip install 'actioncli[ray]'"),
+    ("ray", "ray", "batch --ray and Parquet; pip install 'actioncli[ray]'"),
     ("torch", "torch", "training; pip install 'actioncli[train]'"),
 )
 

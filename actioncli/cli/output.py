@@ -104,7 +104,8 @@ GREEN, GREY, BOLD = "32", "90", "1"
 
 def colours() -> bool:
     """Whether standard output shows colours, and the user wants them."""
-    return sys.stdout.isatty() and "NO_COLOR" not in os.environ
+    dumb = os.environ.get("TERM") == "dumb"
+    return sys.stdout.isatty() and "NO_COLOR" not in os.environ and not dumb
 
 
 def coloured(text: str, colour: str) -> str:

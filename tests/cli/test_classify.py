@@ -46,14 +46,15 @@ def test_accepted_and_rejected_clips(invoke: Invoke, filled: SupportStore) -> No
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
-@pytest.mark.parametrize("plain", [False, True])
+@pytest.mark.parametrize("said", [{}, {"NO_COLOR": "1"}, {"TERM": "dumb"}])
 def test_terminals_with_colours_get_them_unless_they_are_not_wanted(
-    filled: SupportStore, plain: bool
+    filled: SupportStore, said: dict[str, str]
 ) -> None:
     terminal, stdout = os.openpty()
-    place = {name: text for name, text in os.environ.items() if name != "NO_COLOR"}
+    place = {name: text for name, text in os.environ.items() if name not in ("NO_COLOR", "TERM")}
+    plain = bool(said)
     words = [sys.executable, "-m", "actioncli", "classify", str(SQUAT), "-q"]
-    subprocess.run(words, env={**place, **({"NO_COLOR": "1"} if plain else {})}, stdout=stdout)
+    subprocess.run(words, env=place | said, stdout=stdout)
     os.close(stdout)
     written = os.read(terminal, 10_000).decode()
     os.close(terminal)
@@ -64,6 +65,17 @@ def test_terminals_with_colours_get_them_unless_they_are_not_wanted(
 def test_terminals_without_such_signs_get_others(run: Run, filled: SupportStore) -> None:
     done = run("classify", SQUAT, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert done.stdout.startswith("+ squat         ======|======  ")
+
+
+def test_a_decision_fits_into_a_narrow_terminal_and_beside_a_long_label(
+    run: Run, invoke: Invoke, filled: SupportStore
+) -> None:
+    invoke("rename", "jumping_jack", "a" * 100)
+    done = run("classify", SQUAT, env={**os.environ, "COLUMNS": "50"})
+    assert re.fullmatch(r"✓ squat     \d\.\d\d > 0\.50  0\.0 to 3\.6 s  ada\.npz\n", done.stdout)
+    [line] = invoke("classify", SQUAT).stdout.splitlines()
+    assert "│" in line
+    assert len(line) < 80
 
 
 def test_of_one_rejected_clip_the_way_on_is_told(invoke: Invoke, filled: SupportStore) -> None:
