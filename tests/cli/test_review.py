@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from actioncli import SupportStore, read_clip
-from actioncli.live.events import Event
-from actioncli.live.recorder import Recorder
-from actioncli.recognition.threshold import Threshold
+from tests.studio.serving import record
 
 from .conftest import EXAMPLES, Invoke
 
@@ -20,11 +18,7 @@ from .conftest import EXAMPLES, Invoke
 def seen(tmp_path: Path) -> Path:
     """A folder with three recorded events."""
     folder = tmp_path / "seen"
-    recorder = Recorder(folder, Threshold(0.5, ""), "camera 0")
-    for label in ("squat", "wave", "bow"):
-        clip = read_clip(EXAMPLES / "squat/ada.npz")
-        event = Event(label, 0.1 * len(label), clip.duration, 0.6)
-        recorder.update(clip, clip.duration, [], [event], False)
+    record(folder, "squat", "wave", "bow")
     return folder
 
 
