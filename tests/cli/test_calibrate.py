@@ -12,7 +12,7 @@ from actioncli.calibration.trials import KINDS
 from actioncli.clips.write import write_clip
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
-from .conftest import ACTIONS, EXAMPLES, Ask, Invoke
+from .conftest import EXAMPLES, Ask, Invoke
 from .test_json_keys import documented, found
 
 SQUAT = EXAMPLES / "squat/ada.npz"
@@ -191,31 +191,6 @@ def test_reset_makes_no_support_set(invoke: Invoke, home: Path) -> None:
     assert not home.exists()
 
 
-def test_calibrated_decisions_keep_the_wanted_rate(
-    invoke: Invoke, several: SupportStore, tmp_path: Path
-) -> None:
-    """What calibrate counts is what classify then does."""
-    folder = tmp_path / "noise"
-    folder.mkdir()
-    rng = np.random.default_rng(0)
-    clip = several.clip(several.examples("squat")[0].id)
-    for n in range(12):
-        np.savez(
-            folder / f"{n}.npz",
-            joints=clip.joints[rng.permutation(len(clip))],
-            joint_names=clip.joint_names,
-            fps=clip.fps,
-            unit="m",
-            up="y",
-        )
-    told = json.loads(invoke("calibrate", *LOOSE, "--negatives", folder, "--json").stdout)
-    counted = told["unknown"][1]["false_accepts"]
-    decided = json.loads(invoke("classify", folder, "--json").stdout)
-    assert (counted["count"], counted["of"]) == (decided["accepted"], 12)
-    assert counted["rate"] <= 0.25
-    assert len(ACTIONS) == len(several.actions())
-
-
 @pytest.fixture(scope="module")
 def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Somebody waves, three times, and stands between."""
@@ -282,22 +257,3 @@ def test_keys_of_an_ordinary_day_are_the_documented_ones(
     assert keys[""] == documentation["With --background"]
     for path in ("rates[]", "events[]"):
         assert keys[path] == documentation[path]
-
-
-@pytest.mark.parametrize(
-    ("words", "wrong"),
-    [
-        (["--minutes", "3"], "belong to --background"),
-        (["--background", "0", "--reset"], "counts events"),
-        (["--background", "0", "--target-far", "0.1"], "counts events"),
-        (["--background", "0", "--minutes", "nan"], "must be above 0"),
-        (["--background", "0", "--target-events", "0"], "must be above 0"),
-        (["--background", "0", "--unit", "mm"], "for files of joints"),
-    ],
-)
-def test_options_that_an_ordinary_day_does_not_go_with(
-    invoke: Invoke, words: list[str], wrong: str
-) -> None:
-    result = invoke("calibrate", *words)
-    assert result.exit_code == 2
-    assert wrong in " ".join(result.stderr.split())

@@ -150,13 +150,3 @@ def test_repair_tells_what_is_gone(invoke: Invoke, filled: SupportStore) -> None
     assert "not damaged" in invoke("doctor", "--repair").stderr
     filled.enroll("bow", clips["bow"])
     assert filled.check() == []
-
-
-def test_what_is_no_support_set_is_not_repaired(invoke: Invoke, tmp_path: Path) -> None:
-    file = tmp_path / "thesis.txt"
-    file.write_text("mine" * 5000)
-    result = invoke("doctor", "--repair", "--store", file)
-    assert result.exit_code == 5
-    assert "nothing of a support set was found" in result.stderr
-    assert file.read_text() == "mine" * 5000
-    assert [each.name for each in tmp_path.iterdir()] == ["thesis.txt"]

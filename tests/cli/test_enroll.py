@@ -8,7 +8,7 @@ import numpy as np
 from actioncli import Recognizer, SupportStore, enrol, read_clip
 from actioncli.clips.skeleton import LAYOUTS, default_columns
 
-from .conftest import EXAMPLES, Ask, Invoke, Run
+from .conftest import EXAMPLES, Ask, Invoke
 
 
 def test_clips_are_added_and_told(invoke: Invoke, store: SupportStore) -> None:
@@ -84,33 +84,6 @@ def test_ambiguous_clips_name_the_option_that_helps(invoke: Invoke, tmp_path: Pa
     options = ["--layout", "h36m_17", "--unit", "m", "--up", "y", "--fps", "25"]
     told = json.loads(invoke("enroll", "wave", file, *options, "--json").stdout)
     assert told["clips"][0]["seconds"] == 0.76
-
-
-def test_a_store_that_cannot_be_written_is_code_5(invoke: Invoke, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    for place in (tmp_path / "file" / "support.db", tmp_path, Path("/dev/null")):
-        result = invoke("enroll", "squat", EXAMPLES / "squat/ada.npz", "--store", place)
-        assert result.exit_code == 5
-        assert [line for line in result.stderr.splitlines() if line.startswith("error: ")]
-
-
-def test_control_characters_of_file_names_are_not_printed(
-    run: Run, store: SupportStore, tmp_path: Path
-) -> None:
-    good = tmp_path / "a\x1b[31m\nb.npz"
-    good.write_bytes((EXAMPLES / "squat/ada.npz").read_bytes())
-    bad = tmp_path / "c\x1b]0;title\x07.npy"
-    bad.write_text("no array")
-    undecodable = tmp_path / "d\udcff.npy"
-    undecodable.write_text("no array")
-    for more in ([], ["--json"], ["--debug"]):
-        done = run("enroll", "squat", good, bad, undecodable, *more)
-        assert done.returncode == 3
-        written = (done.stdout + done.stderr).replace("\n", "")
-        assert written.isprintable()
-        assert r"\x1b" in done.stderr
-        assert r"\udcff" in done.stderr
-    assert store.examples("squat")[0].source.isprintable()
 
 
 def test_of_many_repetitions_one_is_enrolled(

@@ -42,27 +42,6 @@ def test_a_nearer_negative_is_the_reason(
     assert "a negative is nearer" in page.read_text(encoding="utf-8")
 
 
-def test_the_page_is_not_written_through_a_link(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
-    page, other = tmp_path / "why.html", tmp_path / "other"
-    other.write_text("mine")
-    page.symlink_to(other)
-    assert invoke("classify", WAVE, "--explain", page, "--force").exit_code == 0
-    assert (other.read_text(), page.is_symlink()) == ("mine", False)
-
-
-def test_labels_stay_text(invoke: Invoke, tmp_path: Path) -> None:
-    label = "</script><script>alert(1)</script>"
-    invoke("enroll", label, WAVE)
-    page = tmp_path / "why.html"
-    invoke("classify", WAVE, "--explain", page)
-    text = page.read_text(encoding="utf-8")
-    assert "alert(1)" in text
-    assert "<script>alert" not in text
-    assert text.count("<figure><figcaption>") == 2
-
-
 def test_the_page_is_for_everyone_and_plays_in_step(
     browser: Browser, invoke: Invoke, filled: SupportStore, tmp_path: Path
 ) -> None:

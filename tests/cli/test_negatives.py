@@ -99,14 +99,8 @@ def test_they_are_listed_apart_shown_and_removed(
 def test_an_example_of_another_action_is_told(
     invoke: Invoke, ask: Ask, filled: SupportStore
 ) -> None:
-    invoke(
-        "enroll",
-        "squat",
-        EXAMPLES / "squat/ben.npz",
-        EXAMPLES / "squat/cleo.npz",
-        "-q",
-        "--keep-tau",
-    )
+    others = [EXAMPLES / f"squat/{who}.npz" for who in ("ben", "cleo")]
+    invoke("enroll", "squat", *others, "-q", "--keep-tau")
     # A kick that was taken for a squat.
     stray = EXAMPLES / "kick_right/cleo.npz"
     seen = Recognizer().classify(read_clip(stray), filled.support())

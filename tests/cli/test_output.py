@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from actioncli.cli import output
 from actioncli.cli.output import plural, printable, progress, steps, table, write_json
 
 
@@ -57,13 +58,17 @@ def test_progress_passes_everything_on_and_is_silent_without_a_terminal(
 
 EACH = """
 import time
+from actioncli.cli import output
 from actioncli.cli.output import progress
+output._PATIENCE_SECONDS = 0.3
 for seconds in progress([{seconds}, 0, 0], "Sleeping"):
     time.sleep(seconds)
 """
 STEPS = """
 import time
+from actioncli.cli import output
 from actioncli.cli.output import steps
+output._PATIENCE_SECONDS = 0.3
 with steps(shown=True) as step:
     step("Waking", 0, 2)
     time.sleep({seconds})
@@ -87,4 +92,5 @@ def test_progress_is_drawn_on_a_terminal_once_it_takes_long(script: str) -> None
         return written
 
     assert drawn(0) == b"end"
-    assert b"Sleeping" in drawn(2.1)
+    assert b"Sleeping" in drawn(0.4)
+    assert 1 <= output._PATIENCE_SECONDS <= 2

@@ -59,8 +59,11 @@ def test_what_stands_there_is_written_over_by_force_or_where_it_is_a_page_of_our
     picture = page.rename(tmp_path / "squat.svg")
     assert invoke("show", "squat", "-o", picture).exit_code == 2
     assert invoke("show", "squat", "-o", picture, "--force").exit_code == 0
-    page.write_text("mine")
+    other = tmp_path / "other"
+    other.write_text("mine")
+    page.symlink_to(other)
     assert invoke(*words, "--force").exit_code == 0
+    assert (other.read_text(), page.is_symlink()) == ("mine", False)
     assert invoke(*words).exit_code == 0
     assert "mine" not in page.read_text(encoding="utf-8").split()
     (tmp_path / "why.npz").touch()
@@ -134,17 +137,8 @@ def test_figures_and_weights_go_over_their_own_kind_only(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_collection(tmp_path / "a.npz", 6, 3, 2, np.random.default_rng(0))
-    asked = [
-        "evaluate",
-        "a.npz",
-        "--ways",
-        "2",
-        "--episodes",
-        "1",
-        "--baseline",
-        "random",
-        "--json",
-    ]
+    line = "evaluate a.npz --ways 2 --episodes 1 --baseline random --json"
+    asked = line.split()
     (tmp_path / "mine.json").write_text('{"mine": 1}', encoding="utf-8")
     for file in ("mine.json", "a.npz"):
         before = (tmp_path / file).read_bytes()

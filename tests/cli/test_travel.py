@@ -77,12 +77,6 @@ def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_pa
     assert list(embedded[0]) == list(embedded[1])
     for label in embedded[0]:
         assert np.array_equal(embedded[0][label], embedded[1][label])
-    for query in QUERIES:
-        decisions = [
-            recognizer.classify(read_clip(EXAMPLES / f"{query}.npz"), support)
-            for support in embedded
-        ]
-        assert decisions[0] == decisions[1]
     # What was carried there can be carried back, and is the same file but for the numbers.
     ask(there, "export", "again.safetensors")
     again = (there["cwd"] / "again.safetensors").read_bytes()
