@@ -1,10 +1,13 @@
 """A support set of its own for each test, and two ways to run a command: in this process, or
 in one of its own."""
 
+import contextlib
 import json
+import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +52,25 @@ def write_collection(
         joint_names=np.array(DEFAULT_JOINTS),
         fps=np.float32(20),
     )
+
+
+def at_terminal(
+    words: Sequence[str], *streams: str, typed: bytes = b"", **options: Any
+) -> tuple[subprocess.CompletedProcess[str], bytes]:
+    """Run a program some of whose streams are a terminal: how it ended, and what was shown."""
+    terminal, side = os.openpty()
+    os.write(terminal, typed)
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    pipes |= dict.fromkeys(streams, side)
+    shown = b""
+    with subprocess.Popen(words, text=True, **pipes, **options) as process:
+        os.close(side)
+        with contextlib.suppress(OSError):  # how Linux tells that the other side is closed
+            while part := os.read(terminal, 65536):
+                shown += part
+        os.close(terminal)
+        stdout, stderr = process.communicate()
+    return subprocess.CompletedProcess(words, process.returncode, stdout, stderr), shown
 
 
 @pytest.fixture(autouse=True)
@@ -102,12 +124,19 @@ def store(home: Path) -> SupportStore:
     return SupportStore(home / "support.db")
 
 
+@pytest.fixture(scope="session")
+def five(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a support set with five actions of the examples."""
+    folder = tmp_path_factory.mktemp("five") / "home"
+    clips = [(label, read_clip(EXAMPLES / f"{name}.npz")) for label, name in ACTIONS.items()]
+    SupportStore(folder / "support.db").enroll_all(clips)
+    return folder
+
+
 @pytest.fixture
-def filled(store: SupportStore) -> SupportStore:
-    """The same, with five actions of the examples."""
-    store.enroll_all(
-        [(label, read_clip(EXAMPLES / f"{name}.npz")) for label, name in ACTIONS.items()]
-    )
+def filled(store: SupportStore, five: Path) -> SupportStore:
+    """The support set that commands use, with five actions of the examples."""
+    shutil.copytree(five, store.path.parent)
     return store
 
 

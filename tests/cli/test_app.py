@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import actioncli
 from actioncli import Recognizer, SupportStore
@@ -136,7 +137,6 @@ def test_closed_output_is_no_error_to_talk_about(run: Run, filled: SupportStore)
     assert (done.returncode, done.stderr) == (application.EXIT_BROKEN_PIPE, "")
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a shell")
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 @pytest.mark.parametrize(
     ("words", "code"),
@@ -162,7 +162,6 @@ def test_streams_may_be_closed(
     assert bool(done.stdout) == (code == 0 and not lost)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize(
     ("words", "code"),
     [
@@ -193,7 +192,6 @@ def test_labels_that_the_terminal_cannot_show_are_escaped(
     assert r"\u624b\u3092\u632f\u308b" in done.stdout
 
 
-@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
 @pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("command", ["classify", "enroll"])
 def test_ctrl_c_ends_with_130_and_leaves_nothing_half_done(
@@ -227,7 +225,6 @@ def test_ctrl_c_ends_with_130_and_leaves_nothing_half_done(
     assert "new" not in [action.label for action in filled.actions()]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_what_was_ignored_stays_ignored() -> None:
     """As nohup has it; and a program that calls the application keeps its handlers."""
     during = []
@@ -284,14 +281,10 @@ def test_public_names_are_there_and_others_are_not() -> None:
 
 
 def _complete(line: str) -> list[str]:
-    asked = {"COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
-    done = subprocess.run(
-        [sys.executable, "-m", "actioncli"],
-        env={**os.environ, "_ACTIONCLI_COMPLETE": "complete_bash", **asked},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    """What the shell is offered; `test_completion_works_in_a_shell` asks one."""
+    asked = {"_ACTIONCLI_COMPLETE": "complete_bash", "COMP_WORDS": line}
+    asked["COMP_CWORD"] = str(line.count(" "))
+    done = CliRunner().invoke(application.app, [], prog_name="actioncli", env=asked)
     assert done.stderr == ""
     return [line for line in done.stdout.splitlines() if line]
 

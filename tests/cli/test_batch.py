@@ -212,7 +212,6 @@ def classified(start: Started, archive: Path) -> list[dict[str, Any]]:
 
 
 @pytest.mark.usefixtures("unmeasured")
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_what_a_killed_and_an_interrupted_run_leave_ends_like_one_run(
     start: Started, archive: Path, place: Path, classified: list[dict[str, Any]]
 ) -> None:
@@ -284,7 +283,6 @@ def test_two_nodes_decide_as_classify_though_a_worker_dies(
 
 @needs_ray
 @pytest.mark.nightly
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_a_file_that_kills_its_workers_becomes_a_row(
     start: Started, cluster: str, place: Path
 ) -> None:

@@ -53,7 +53,6 @@ def test_waiting_clips_are_listed(invoke: Invoke, seen: Path) -> None:
     assert keys in invoke("review", "--help").stdout
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_enrolled_as_told_and_as_a_negative_and_deleted(store: SupportStore, seen: Path) -> None:
     code, said, _ = press(seen, "e", "n", "d")
     assert code == 0
@@ -68,7 +67,6 @@ def test_enrolled_as_told_and_as_a_negative_and_deleted(store: SupportStore, see
     assert not list(seen.iterdir())
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_skipped_renamed_and_left_at_quitting(store: SupportStore, seen: Path) -> None:
     code, said, _ = press(seen, "x", "s", "o", "deep squat\n", "q")
     assert code == 0
@@ -77,7 +75,6 @@ def test_skipped_renamed_and_left_at_quitting(store: SupportStore, seen: Path) -
     assert sorted(file.name for file in seen.glob("*.npz")) == ["0001_squat.npz", "0003_bow.npz"]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_warned_as_enroll_does(store: SupportStore, seen: Path) -> None:
     store.enroll("squat", read_clip(EXAMPLES / "squat/ben.npz"))
     code, _, told = press(seen, "s", "s", "o", "knee bend\n")

@@ -1,7 +1,7 @@
 """list-support, show, remove, rename, clear."""
 
 import json
-import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +9,7 @@ import pytest
 from actioncli import SupportStore
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
-from .conftest import Ask, Invoke, MakeClip, Run
+from .conftest import Ask, Invoke, MakeClip, at_terminal
 
 
 @pytest.fixture
@@ -47,7 +47,6 @@ def test_remove_an_example_and_an_action(invoke: Invoke, two: SupportStore) -> N
     assert [action.label for action in two.actions()] == ["squat"]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 @pytest.mark.parametrize("words", [["remove", "wave"], ["clear"]])
 @pytest.mark.parametrize(
     ("typed", "code", "left"),
@@ -55,13 +54,10 @@ def test_remove_an_example_and_an_action(invoke: Invoke, two: SupportStore) -> N
     ids=["no", "return", "end of input", "yes"],
 )
 def test_the_answer_on_a_terminal_decides(
-    run: Run, two: SupportStore, words: list[str], typed: bytes, code: int, left: int | None
+    two: SupportStore, words: list[str], typed: bytes, code: int, left: int | None
 ) -> None:
-    terminal, stdin = os.openpty()
-    os.write(terminal, typed)
-    done = run(*words, stdin=stdin)
-    os.close(stdin)
-    os.close(terminal)
+    words = [sys.executable, "-m", "actioncli", *words]
+    done, _ = at_terminal(words, "stdin", typed=typed)
     assert done.returncode == code
     assert "Remove " in done.stderr
     if left is None:

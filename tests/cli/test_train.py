@@ -69,7 +69,6 @@ def test_a_run_is_written_and_asked(
     assert "squat" in invoke("classify", example, *words).stdout
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals are sent as POSIX has them")
 @pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM"])
 def test_a_run_that_was_ended_goes_on(
     invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import json
-import os
 import re
 import shlex
 import signal
@@ -13,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -31,7 +29,7 @@ from actioncli.pose import video as pose_video
 from actioncli.pose.camera import LiveSource
 from actioncli.pose.frames import Frame, VideoFile
 
-from .conftest import EXAMPLES, Ask, Invoke, Run
+from .conftest import EXAMPLES, Ask, Invoke, Run, at_terminal
 
 ROOT = Path(__file__).parents[2]
 
@@ -268,7 +266,7 @@ def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None
     for entry in (at_address, video):
         still = Path(entry["still"])
         assert cv2.imread(str(still)).shape[:2] == (entry["height"], entry["width"]) == (320, 320)
-        assert os.name != "posix" or still.stat().st_mode & 0o777 == 0o600
+        assert still.stat().st_mode & 0o777 == 0o600
     assert "/dev/null: cannot be opened" in device["error"]["message"]
     assert done.exit_code == 3
     assert f"{address}  320 x 320\n" in done.stdout
@@ -276,7 +274,6 @@ def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None
     assert invoke("cameras", "--stills", tmp_path / "none").exit_code == 2
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_cameras_draws_on_a_terminal(waving: Path) -> None:
     shown, code = on_terminal(waving, command="cameras")
     assert code == 0
@@ -284,7 +281,6 @@ def test_cameras_draws_on_a_terminal(waving: Path) -> None:
     assert len(rows) == 24
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
 @pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_what_ends_reading_a_video_leaves_nothing(
     shared: Path, tmp_path: Path, home: Path, ending: str
@@ -311,7 +307,6 @@ def test_what_ends_reading_a_video_leaves_nothing(
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
 @pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_what_ends_watching_ends_it_well(filled: SupportStore, waving: Path, ending: str) -> None:
@@ -387,20 +382,12 @@ def test_watch_tells_what_there_was_not(
 
 
 def on_terminal(
-    waving: Path, *more: str, command: str = "watch", **streams: int
+    waving: Path, *more: str, command: str = "watch", streams: Sequence[str] = ("stdout", "stderr")
 ) -> tuple[bytes, int]:
     """What a command writes to a terminal, and its exit code."""
-    terminal, side = os.openpty()
     words = [sys.executable, "-m", "actioncli", command, str(waving), *more]
-    with subprocess.Popen(words, **{"stdout": side, "stderr": side, **streams}) as watching:
-        os.close(side)
-        shown = b""
-        with contextlib.suppress(OSError):  # how Linux tells that the other side is closed
-            while part := os.read(terminal, 65536):
-                shown += part
-        os.close(terminal)
-        watching.communicate()
-    return shown, watching.returncode
+    done, shown = at_terminal(words, *streams)
+    return shown, done.returncode
 
 
 def screen_lines(shown: bytes) -> list[str]:
@@ -411,17 +398,15 @@ def screen_lines(shown: bytes) -> list[str]:
     return [line.strip() for line in screen.display if line.strip()]
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) -> None:
     store.enroll("squat", cut(read_clip(EXAMPLES / "squat" / "ada.npz"), 0.5, 1.5))
-    shown, code = on_terminal(waving, "--json", stdout=subprocess.PIPE)
+    shown, code = on_terminal(waving, "--json", streams=["stderr"])
     assert code == 0
     text = shown.decode()
     assert re.search(r"\d+\.\d s +\d+\.\d frames/s +\d+ s left +following", text), text
     assert re.search(r"squat +[01]\.\d\d", text)
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Path) -> None:
     """Both streams go to one terminal, as they do for who just types the command."""
     store.enroll(":wave:", read_clip(waving, start=0.2, end=1.5))
@@ -434,7 +419,6 @@ def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Pat
     assert rest == ["moved"]  # and the view is gone
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_a_person_at_a_terminal_sees_the_notes(filled: SupportStore, tmp_path: Path) -> None:
     grey = write_video(tmp_path / "a.mp4", [np.full((64, 64, 3), 128, np.uint8)] * 40, 10)
     shown, code = on_terminal(grey)

@@ -78,12 +78,6 @@ def test_the_cohort_puts_the_unlike_below_one_half(toy: Collection) -> None:
     np.testing.assert_allclose(compared.confidence, 1 / (1 + compared.distance), rtol=1e-5)
 
 
-def test_always_reject_is_never_confident(toy: Collection) -> None:
-    scorer = AlwaysReject()
-    embedded = scorer.embed(toy.clips)
-    assert not scorer.compare(embedded, {"a": embedded[:1]}).confidence.any()
-
-
 def test_random_guesses_follow_from_the_seed(toy: Collection) -> None:
     nothing = Random(3).embed(toy.clips)
     support = {"a": nothing[:1], "b": nothing[:2]}

@@ -1,4 +1,4 @@
-"""Fuzzing: ten seconds for each reader with the tests, `FUZZ_SECONDS` with `make fuzz`."""
+"""Fuzzing: four seconds for each reader with the tests, `FUZZ_SECONDS` with `make fuzz`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from actioncli.errors import ActionCliError
 
 from .readers import CORPUS, READERS
 
-SECONDS = int(os.environ.get("FUZZ_SECONDS", "10"))
+SECONDS = int(os.environ.get("FUZZ_SECONDS", "4"))
 # What longer runs find is kept between them.
 KEPT = Path(__file__).parents[2] / ".fuzz"
 

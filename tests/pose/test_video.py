@@ -193,7 +193,6 @@ def test_a_picture_of_8_million_pixels(waving: list[Image], tmp_path: Path) -> N
 
 
 @pytest.mark.nightly
-@pytest.mark.skipif(sys.platform != "linux", reason="memory is asked for as Linux tells it")
 @pytest.mark.parametrize("quality", ["fast", "accurate"])
 def test_memory_for_a_minute_of_such_pictures(
     waving: list[Image], tmp_path: Path, quality: str

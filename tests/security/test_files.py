@@ -254,7 +254,6 @@ def test_weights_are_finite_numbers(tmp_path: Path, value: float) -> None:
         read_weights(file)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
 @pytest.mark.parametrize("name", READERS)
 def test_a_pipe_keeps_nobody_waiting(tmp_path: Path, name: str) -> None:
     pipe = tmp_path / f"a{READERS[name].suffix}"

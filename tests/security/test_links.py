@@ -25,8 +25,6 @@ from actioncli.recognition.threshold import Threshold
 from actioncli.report.calibration import FIGURES, PAGE, write_folder
 from tests.pose.test_cache import poses
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and modes are others here")
-
 CLIP = Clip(waving(12), DEFAULT_JOINTS, 4.0)
 
 
@@ -57,7 +55,7 @@ def test_a_linked_cache_is_not_used(shared: Path, precious: Path) -> None:
     assert cache.load("key") is None
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root can give it away")
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give it away")
 def test_a_cache_of_somebody_else_is_not_believed(shared: Path) -> None:
     cache.keep("key", poses())
     assert cache.load("key") is not None

@@ -6,11 +6,18 @@ import os
 from pathlib import Path
 
 import pytest
+from starlette.requests import Request
 
 import actioncli
 from actioncli import SupportSet, SupportStore, read_clip
+from actioncli.archives.batch import Task
+from actioncli.archives.results import Results, storable
+from actioncli.clips.write import write_clip
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.mp4 import mp4_writer
+from actioncli.studio.app import Studio
+from actioncli.studio.review import Review
+from actioncli.studio.upload_folder import UploadFolder
 from tests.cli.test_evaluate import toys
 from tests.pose.videos import number, numbered, write_video
 
@@ -64,8 +71,6 @@ def test_a_clip_is_enrolled_explained_and_shown(
 
 @pytest.mark.parametrize("kind", ["npz", "json", "csv", "trc"])
 def test_a_clip_is_written_and_read_back(odd: Path, kind: str) -> None:
-    from actioncli.clips.write import write_clip
-
     clip = odd / f"{ODD}.npz"
     clip.write_bytes((EXAMPLES / "squat/ben.npz").read_bytes())
     file = odd / f"written.{kind}"
@@ -87,9 +92,6 @@ def test_a_collection_is_evaluated(odd: Path, invoke: Invoke, toys: Path) -> Non
 
 def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
     pytest.importorskip("pyarrow", reason="needs the extra `ray`")
-    from actioncli.archives.batch import Task
-    from actioncli.archives.results import Results, storable
-
     squat = {"squat": [read_clip(EXAMPLES / "squat/ada.npz")]}
     task = Task(SupportSet.from_clips(squat, tau=0.5))
     # Beside one whose name says in so many characters what the other's is told as.
@@ -108,13 +110,6 @@ def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
 
 
 def test_pages_serve_a_support_set(odd: Path) -> None:
-    pytest.importorskip("starlette", reason="needs the extra `studio`")
-    from starlette.requests import Request
-
-    from actioncli.studio.app import Studio
-    from actioncli.studio.review import Review
-    from actioncli.studio.upload_folder import UploadFolder
-
     actions = actioncli.open(odd / f"{ODD}.db")
     actions.store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
     uploads = UploadFolder()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import sqlite3
 from collections.abc import Callable
@@ -130,7 +129,6 @@ def test_a_blob_beyond_every_example_is_not_read(kept: SupportStore) -> None:
         kept.support()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="links need no rights here only")
 def test_no_link_is_followed_from_the_stores_folder(tmp_path: Path) -> None:
     """In a folder that others may write, they can lay links under names that they can guess."""
     folder = tmp_path / "shared"

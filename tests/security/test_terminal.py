@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import unicodedata
 from pathlib import Path
@@ -19,8 +18,6 @@ from .conftest import EXAMPLES, Invoke
 # Titles, clearing, colours, links, the bell, direction, invisible letters, line breaks.
 EVIL = "\x1b]0;pwned\x07\x1b[2J\x1b[31m\x9b31m\u202egpj\u200b\u2028\r"
 CLIP = EXAMPLES / "wave_right" / "ada.npz"
-
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="such names are not possible")
 
 
 def harmless(text: str) -> bool:

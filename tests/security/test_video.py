@@ -63,7 +63,6 @@ def test_a_playlist_in_a_video_opens_no_connection(tmp_path: Path, listener: Lis
     assert listener.asked == []
 
 
-@pytest.mark.skipif(os.name != "posix", reason="such names are not possible")
 @pytest.mark.parametrize("scheme", ["http:", "async:http:", "cache:http:", "tcp:", "concat:"])
 def test_a_name_like_an_address_is_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listener: Listener, scheme: str
@@ -107,7 +106,6 @@ def test_frames_of_gigabytes_are_refused(tmp_path: Path) -> None:
     assert not any(line.endswith("read") for line in found)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
 def test_a_pipe_keeps_nobody_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mp4")
     with pytest.raises(ClipError, match="not a regular file"):
