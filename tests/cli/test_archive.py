@@ -7,13 +7,11 @@ import pytest
 from actioncli import Recognizer, SupportStore
 from actioncli.errors import WeightsError
 
-from .conftest import Ask, Invoke, MakeClip
+from .conftest import ask, invoke, shaking
 
 
-def test_a_support_set_travels(
-    invoke: Invoke, ask: Ask, store: SupportStore, clip: MakeClip, tmp_path: Path
-) -> None:
-    store.enroll_all([("wave", clip(0)), ("squat", clip(1))])
+def test_a_support_set_travels(store: SupportStore, tmp_path: Path) -> None:
+    store.enroll_all([("wave", shaking(0)), ("squat", shaking(1))])
     file = tmp_path / "actions.safetensors"
     assert invoke("export", file).stdout == f"{file}: 2 examples written\n"
     other = ["--store", tmp_path / "other.db"]
@@ -25,7 +23,7 @@ def test_a_support_set_travels(
 
 
 def test_an_import_embeds_what_it_added_where_the_weights_allow_it(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "actions.safetensors"
     filled.export(file)

@@ -14,12 +14,12 @@ import pytest
 from actioncli import SupportStore, read_clip
 from actioncli.cli.answer import short_names
 
-from .conftest import ACTIONS, EXAMPLES, Invoke, Run, at_terminal
+from .conftest import ACTIONS, EXAMPLES, at_terminal, invoke, run
 
 SQUAT = EXAMPLES / "squat/ada.npz"
 
 
-def test_accepted_and_rejected_clips(invoke: Invoke, filled: SupportStore) -> None:
+def test_accepted_and_rejected_clips(filled: SupportStore) -> None:
     result = invoke("classify", SQUAT, "--tau", "0")
     assert result.exit_code == 0
     # At tau 0 every action comes close, so that they are ranked.
@@ -56,12 +56,12 @@ def test_terminals_with_colours_get_them_unless_they_are_not_wanted(
     assert ("✓ squat" in written) == plain
 
 
-def test_terminals_without_such_signs_get_others(run: Run, filled: SupportStore) -> None:
+def test_terminals_without_such_signs_get_others(filled: SupportStore) -> None:
     done = run("classify", SQUAT, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert done.stdout.startswith("+ squat         ======|======  ")
 
 
-def test_of_one_rejected_clip_the_way_on_is_told(invoke: Invoke, filled: SupportStore) -> None:
+def test_of_one_rejected_clip_the_way_on_is_told(filled: SupportStore) -> None:
     bow = EXAMPLES / "punch_right/dev.npz"
     said = invoke("classify", bow).stderr.splitlines()
     assert re.search(r"as in the example it would have been accepted \(confidence", said[0])
@@ -80,9 +80,7 @@ def test_of_one_rejected_clip_the_way_on_is_told(invoke: Invoke, filled: Support
     assert not any("If it is" in line for line in said)
 
 
-def test_names_are_short_and_notes_are_told_once(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
+def test_names_are_short_and_notes_are_told_once(filled: SupportStore, tmp_path: Path) -> None:
     result = invoke("classify", EXAMPLES / "squat", EXAMPLES / "jumping_jack", EXAMPLES / "bow")
     names = [re.findall(r" s  (\S+\.npz)", line)[0] for line in result.stdout.splitlines()]
     assert names == [
@@ -114,9 +112,7 @@ def test_a_long_clip_shows_how_far_it_is(filled: SupportStore, tmp_path: Path, q
     assert (b"Comparing" in written, b"100%" in written) == (not quiet, not quiet)
 
 
-def test_the_part_of_a_long_clip_is_told(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
+def test_the_part_of_a_long_clip_is_told(filled: SupportStore, tmp_path: Path) -> None:
     clips = [read_clip(EXAMPLES / f"{name}.npz") for name in ("punch_right/dev", "squat/ben")]
     before, squat = clips
     joints = np.concatenate([before.joints, squat.joints, before.joints])
@@ -137,9 +133,7 @@ def test_the_part_of_a_long_clip_is_told(
     assert whole["part"] == {"start": 0, "end": pytest.approx(read_clip(SQUAT).duration, rel=1e-4)}
 
 
-def test_bad_clips_are_reported_and_the_rest_goes_on(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
+def test_bad_clips_are_reported_and_the_rest_goes_on(filled: SupportStore, tmp_path: Path) -> None:
     empty = tmp_path / "empty.npy"
     empty.touch()
     text = tmp_path / "text.npy"
@@ -162,9 +156,7 @@ def test_bad_clips_are_reported_and_the_rest_goes_on(
         assert entry["error"]["exit_code"] == 3
 
 
-def test_weights_that_cannot_be_used_are_code_6(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
+def test_weights_that_cannot_be_used_are_code_6(filled: SupportStore, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(b"\x08\0\0\0\0\0\0\0{}      ")
     for weights in (damaged, tmp_path / "none.safetensors", tmp_path):
@@ -174,7 +166,7 @@ def test_weights_that_cannot_be_used_are_code_6(
 
 
 def test_batches_decide_as_each_clip_alone(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "clips"
     folder.mkdir()

@@ -8,10 +8,10 @@ import numpy as np
 from actioncli import Recognizer, SupportStore, enrol, read_clip
 from actioncli.clips.skeleton import LAYOUTS, default_columns
 
-from .conftest import EXAMPLES, Ask, Invoke
+from .conftest import EXAMPLES, ask, invoke
 
 
-def test_clips_are_added_and_told(invoke: Invoke, store: SupportStore) -> None:
+def test_clips_are_added_and_told(store: SupportStore) -> None:
     file = EXAMPLES / "squat/ada.npz"
     result = invoke("enroll", "squat", file, "--note", "porch")
     assert result.exit_code == 0
@@ -23,7 +23,7 @@ def test_clips_are_added_and_told(invoke: Invoke, store: SupportStore) -> None:
     np.testing.assert_array_equal(store.clip(example.id).joints, read_clip(file).joints)
 
 
-def test_the_same_clip_is_not_added_twice(invoke: Invoke, ask: Ask, store: SupportStore) -> None:
+def test_the_same_clip_is_not_added_twice(store: SupportStore) -> None:
     ada = EXAMPLES / "squat/ada.npz"
     invoke("enroll", "squat", ada)
     again = invoke("enroll", "squat", ada, EXAMPLES / "squat/cleo.npz")
@@ -35,9 +35,7 @@ def test_the_same_clip_is_not_added_twice(invoke: Invoke, ask: Ask, store: Suppo
     assert len(store.examples()) == 2
 
 
-def test_folders_and_patterns_are_taken_and_each_file_once(
-    invoke: Invoke, store: SupportStore
-) -> None:
+def test_folders_and_patterns_are_taken_and_each_file_once(store: SupportStore) -> None:
     squat = EXAMPLES / "squat"
     result = invoke("enroll", "squat", squat, squat / "*.npz", squat / "ada.npz", "-q")
     assert (result.exit_code, result.output) == (0, "")
@@ -45,7 +43,7 @@ def test_folders_and_patterns_are_taken_and_each_file_once(
 
 
 def test_bad_clips_are_left_out_and_the_rest_is_enrolled(
-    invoke: Invoke, store: SupportStore, tmp_path: Path
+    store: SupportStore, tmp_path: Path
 ) -> None:
     text = tmp_path / "text.npy"
     text.write_text("this is no array")
@@ -64,14 +62,14 @@ def test_bad_clips_are_left_out_and_the_rest_is_enrolled(
     assert ["error" in entry for entry in told["clips"]] == [True, False, True, True]
 
 
-def test_nothing_usable_leaves_no_store_behind(invoke: Invoke, home: Path, tmp_path: Path) -> None:
+def test_nothing_usable_leaves_no_store_behind(home: Path, tmp_path: Path) -> None:
     assert invoke("enroll", "wave", "nowhere.npy").exit_code == 3
     words = ["enroll", "wave", EXAMPLES / "squat/ada.npz"]
     assert invoke(*words, "--weights", tmp_path / "none.safetensors").exit_code == 6
     assert not home.exists()
 
 
-def test_ambiguous_clips_name_the_option_that_helps(invoke: Invoke, tmp_path: Path) -> None:
+def test_ambiguous_clips_name_the_option_that_helps(tmp_path: Path) -> None:
     file = tmp_path / "clip.npy"
     # 17 joints: two layouts have that many.
     clip = read_clip(EXAMPLES / "squat/ada.npz")
@@ -86,9 +84,7 @@ def test_ambiguous_clips_name_the_option_that_helps(invoke: Invoke, tmp_path: Pa
     assert told["clips"][0]["seconds"] == 0.76
 
 
-def test_of_many_repetitions_one_is_enrolled(
-    invoke: Invoke, ask: Ask, store: SupportStore, tmp_path: Path
-) -> None:
+def test_of_many_repetitions_one_is_enrolled(store: SupportStore, tmp_path: Path) -> None:
     """Five squats as one example made a squat fall from .91 to .04."""
     once = read_clip(EXAMPLES / "squat/ada.npz")
     many = {"joint_names": np.array(once.joint_names), "fps": once.fps, "unit": "m", "up": "y"}

@@ -7,7 +7,7 @@ import pytest
 
 from actioncli import SupportStore
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 WAVE, SQUAT = str(EXAMPLES / "wave_right/ada.npz"), str(EXAMPLES / "squat/ada.npz")
 USAGE = [
@@ -74,7 +74,7 @@ USAGE = [
 
 @pytest.mark.parametrize(("line", "named"), USAGE, ids=[line for line, _ in USAGE])
 def test_wrong_usage_is_one_line_and_code_2(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     line: str, named: str,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
@@ -100,7 +100,7 @@ def test_wrong_usage_is_one_line_and_code_2(
     ids=lambda words: words[0],
 )  # fmt: skip
 def test_where_nothing_is_enrolled_it_is_code_4(
-    invoke: Invoke, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     result = invoke(*words, "--json")
@@ -117,7 +117,7 @@ def test_where_nothing_is_enrolled_it_is_code_4(
      "export FILE", "export FILE/out", "import FILE", "import FILE/none"],
 )  # fmt: skip
 def test_a_file_that_is_no_store_is_code_5(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path, command: str
+    filled: SupportStore, tmp_path: Path, command: str
 ) -> None:
     broken = tmp_path / "broken.db"
     content = "not a database, but long enough to be taken for one" * 40
@@ -141,8 +141,6 @@ def test_a_file_that_is_no_store_is_code_5(
         (["."], "is a folder; a video is needed"),
     ],
 )
-def test_what_cannot_be_watched(
-    invoke: Invoke, filled: SupportStore, words: list[str], message: str
-) -> None:
+def test_what_cannot_be_watched(filled: SupportStore, words: list[str], message: str) -> None:
     done = invoke("watch", *words)
     assert (done.exit_code, message in done.stderr) == (3, True)

@@ -11,7 +11,7 @@ import pytest
 from actioncli import SupportStore, read_clip
 from tests.studio.serving import record
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def press(folder: Path, *keys: str) -> tuple[int, str, str]:
         return run.returncode, stdout.read(), told
 
 
-def test_waiting_clips_are_listed(invoke: Invoke, seen: Path) -> None:
+def test_waiting_clips_are_listed(seen: Path) -> None:
     clips = json.loads(invoke("review", seen, "--json").stdout)["clips"]
     assert [clip["label"] for clip in clips] == ["squat", "wave", "bow"]
     keys = "file, label, confidence, tau, event, start, end, source"
@@ -82,7 +82,7 @@ def test_warned_as_enroll_does(store: SupportStore, seen: Path) -> None:
     assert "warning: closest to `squat`" in told
 
 
-def test_nobody_to_ask_and_nothing_to_review(invoke: Invoke, seen: Path, tmp_path: Path) -> None:
+def test_nobody_to_ask_and_nothing_to_review(seen: Path, tmp_path: Path) -> None:
     result = invoke("review", seen)
     assert result.exit_code == 2
     assert "--json lists" in result.stderr

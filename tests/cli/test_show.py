@@ -8,14 +8,14 @@ import pytest
 
 from actioncli import SupportStore
 
-from .conftest import Invoke, MakeClip, Run
+from .conftest import invoke, run, shaking
 
 
 def has_braille(text: str) -> bool:
     return any("\u2800" < c <= "\u28ff" for c in text)
 
 
-def test_a_picture_of_all_examples(invoke: Invoke, filled: SupportStore, tmp_path: Path) -> None:
+def test_a_picture_of_all_examples(filled: SupportStore, tmp_path: Path) -> None:
     for more, fixed in ([], False), (["--dark", "--force"], True):
         file = tmp_path / "wave.svg"
         result = invoke("show", "wave", "-o", file, *more)
@@ -26,10 +26,8 @@ def test_a_picture_of_all_examples(invoke: Invoke, filled: SupportStore, tmp_pat
         assert ("prefers-color-scheme" not in file.read_text()) == fixed
 
 
-def test_one_example_of_several(
-    invoke: Invoke, store: SupportStore, clip: MakeClip, tmp_path: Path
-) -> None:
-    store.enroll_all([("wave", clip(0)), ("wave", clip(1))], note="porch")
+def test_one_example_of_several(store: SupportStore, tmp_path: Path) -> None:
+    store.enroll_all([("wave", shaking(0)), ("wave", shaking(1))], note="porch")
     shown = invoke("show", "wave").stdout
     assert shown.startswith("wave: 2 examples\n")
     assert shown.index("clip0.npy") < shown.index("porch") < shown.index("clip1.npy")
@@ -48,7 +46,7 @@ def test_one_example_of_several(
 
 
 def test_drawn_in_the_terminal_where_no_file_is_asked_for(
-    invoke: Invoke, filled: SupportStore, monkeypatch: pytest.MonkeyPatch
+    filled: SupportStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     result = invoke("show", "squat")
@@ -58,7 +56,7 @@ def test_drawn_in_the_terminal_where_no_file_is_asked_for(
     assert json.loads(invoke("show", "squat", "--json").stdout)["drawn"] is None
 
 
-def test_a_terminal_without_unicode_gets_ascii(run: Run, filled: SupportStore) -> None:
+def test_a_terminal_without_unicode_gets_ascii(filled: SupportStore) -> None:
     done = run("show", "squat", env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0
     assert "#" in done.stdout

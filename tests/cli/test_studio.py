@@ -14,7 +14,7 @@ import pytest
 from actioncli import SupportStore, read_clip
 from tests.studio.serving import Client, record, until
 
-from .conftest import EXAMPLES, Invoke, Run
+from .conftest import EXAMPLES, invoke
 
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -123,9 +123,7 @@ def test_the_browser_is_given_a_file_that_nobody_else_can_read(
     assert client.address in page.read_text(encoding="utf-8")
 
 
-def test_what_cannot_be_served_is_told(
-    run: Run, invoke: Invoke, home: Path, tmp_path: Path, start: Start
-) -> None:
+def test_what_cannot_be_served_is_told(home: Path, tmp_path: Path, start: Start) -> None:
     port = client_of(start("studio", "--no-open")).port
     taken = invoke("studio", "--no-open", "--port", port)
     assert (taken.exit_code, taken.stdout) == (2, "")
@@ -146,7 +144,7 @@ def test_what_cannot_be_served_is_told(
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_review_has_a_page_too(start: Start, invoke: Invoke, home: Path, tmp_path: Path) -> None:
+def test_review_has_a_page_too(start: Start, home: Path, tmp_path: Path) -> None:
     folder = tmp_path / "seen"
     record(folder, "squat")
     child = start("review", folder, "--page", "--no-open")

@@ -13,7 +13,7 @@ import pytest
 from actioncli import Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
-from .conftest import EXAMPLES, Invoke, MakeClip, Run
+from .conftest import EXAMPLES, invoke, run, shaking
 
 QUERIES = ["squat/ben", "wave_left/ada", "punch_right/dev", "kick_right/cleo"]
 
@@ -29,7 +29,7 @@ def calibrated(filled: SupportStore) -> SupportStore:
     return filled
 
 
-def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_path: Path) -> None:
+def test_decisions_travel_bit_for_bit(calibrated: SupportStore, tmp_path: Path) -> None:
     """Another home, working folder and language."""
     machines = []
     for name, language in (("here", "C"), ("über – dort", "tr_TR.UTF-8")):
@@ -78,15 +78,13 @@ def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_pa
     assert stat.S_IMODE((there["cwd"] / "again.safetensors").stat().st_mode) == 0o600
 
 
-def test_a_threshold_of_other_examples_is_left(
-    invoke: Invoke, store: SupportStore, clip: MakeClip, tmp_path: Path
-) -> None:
-    store.enroll("wave", clip(0))
+def test_a_threshold_of_other_examples_is_left(store: SupportStore, tmp_path: Path) -> None:
+    store.enroll("wave", shaking(0))
     keep_threshold(store, Threshold(0.25, "w"))
     file = tmp_path / "actions.safetensors"
     invoke("export", file)
     other = SupportStore(tmp_path / "other.db")
-    other.enroll("squat", clip(1))
+    other.enroll("squat", shaking(1))
     result = invoke("import", file, "--store", other.path)
     assert result.exit_code == 0
     assert "calibrated threshold was left" in result.stderr

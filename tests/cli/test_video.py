@@ -29,7 +29,7 @@ from actioncli.pose import video as pose_video
 from actioncli.pose.camera import LiveSource
 from actioncli.pose.frames import Frame, VideoFile
 
-from .conftest import EXAMPLES, Ask, Invoke, Run, at_terminal
+from .conftest import EXAMPLES, ask, at_terminal, invoke, run
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,9 +42,7 @@ def waving(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(tmp_path_factory.mktemp("video") / "wave.mp4", small, 10)
 
 
-def test_enroll_and_classify_a_video(
-    invoke: Invoke, ask: Ask, store: SupportStore, waving: Path
-) -> None:
+def test_enroll_and_classify_a_video(store: SupportStore, waving: Path) -> None:
     part = ("--start", 0.2, "--end", 1.5)
     done = invoke("enroll", "wave", waving, *part)
     assert done.exit_code == 0, done.stderr
@@ -58,7 +56,7 @@ def test_enroll_and_classify_a_video(
 
 
 def test_a_video_is_looked_at_once_and_drawn(
-    ask: Ask, filled: SupportStore, waving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    filled: SupportStore, waving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks = []
     look = pose_video._estimate
@@ -74,7 +72,7 @@ def test_a_video_is_looked_at_once_and_drawn(
 
 
 @pytest.mark.parametrize("kind", ["npz", "json", "trc", "csv"])
-def test_extract(invoke: Invoke, waving: Path, tmp_path: Path, kind: str) -> None:
+def test_extract(waving: Path, tmp_path: Path, kind: str) -> None:
     file = tmp_path / f"wave.{kind}"
     done = invoke("extract", waving, "-o", file, "--start", 0, "--hands")
     assert done.exit_code == 0, done.stderr
@@ -84,7 +82,7 @@ def test_extract(invoke: Invoke, waving: Path, tmp_path: Path, kind: str) -> Non
     assert clip.fps == pytest.approx(10, rel=1e-3)
 
 
-def test_many_videos_are_read_as_each_alone(run: Run, waving: Path, tmp_path: Path) -> None:
+def test_many_videos_are_read_as_each_alone(waving: Path, tmp_path: Path) -> None:
     """They are shared by processes with one core each."""
     folder, out = tmp_path / "videos", tmp_path / "out"
     folder.mkdir()
@@ -113,7 +111,7 @@ def test_many_videos_are_read_as_each_alone(run: Run, waving: Path, tmp_path: Pa
     assert [clip.get("nearest") for clip in clips] == ["wave", None, *["wave"] * (2 * cores() - 1)]
 
 
-def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_path: Path) -> None:
+def test_watch_a_file(store: SupportStore, waving: Path, tmp_path: Path) -> None:
     invoke("enroll", "wave", waving, "--start", 0)
     script = tmp_path / "script.py"
     script.write_text(
@@ -148,7 +146,7 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
 
 
 def test_watch_sends_what_it_tells(
-    invoke: Invoke, store: SupportStore, waving: Path, monkeypatch: pytest.MonkeyPatch
+    store: SupportStore, waving: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("paho.mqtt", reason="needs the extra mqtt")
     pytest.importorskip("amqtt", reason="needs the extra dev")
@@ -172,9 +170,7 @@ def test_watch_sends_what_it_tells(
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_what_is_enrolled_meanwhile_counts(
-    store: SupportStore, waving: Path, invoke: Invoke
-) -> None:
+def test_what_is_enrolled_meanwhile_counts(store: SupportStore, waving: Path) -> None:
     store.enroll("squat", read_clip(EXAMPLES / "squat" / "ada.npz"))
     pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
     always = itertools.cycle([each for picture in pictures for each in (picture, 0.1)])
@@ -208,9 +204,7 @@ def test_what_is_enrolled_meanwhile_counts(
     assert {event["label"] for event in events} == {"wave"}
 
 
-def test_watch_a_stream_to_its_end(
-    invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
-) -> None:
+def test_watch_a_stream_to_its_end(filled: SupportStore, waving: Path, tmp_path: Path) -> None:
     with streamed((frame.image for frame in VideoFile(waving).frames()), fps=10) as address:
         done = invoke("watch", address, "--json", "--tau", 0, "--retry", 0)
     assert done.exit_code == 3, done.stderr
@@ -225,9 +219,7 @@ def json_lines(text: str) -> list[str]:
     return [*events[0], "{" + error]
 
 
-def test_watch_takes_a_stream_up_again(
-    invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
-) -> None:
+def test_watch_takes_a_stream_up_again(filled: SupportStore, waving: Path, tmp_path: Path) -> None:
     pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
     once: list[bytes | float] = [each for picture in pictures for each in (picture, 0.1)]
     with answering(once, [*once, b"garbage"], []) as address:
@@ -238,9 +230,7 @@ def test_watch_takes_a_stream_up_again(
     assert done.stderr == f"{again}note: {address}: the picture is back\n{again}{lost}"
 
 
-def test_a_video_at_an_address_is_none_of_a_camera(
-    invoke: Invoke, filled: SupportStore, waving: Path
-) -> None:
+def test_a_video_at_an_address_is_none_of_a_camera(filled: SupportStore, waving: Path) -> None:
     with hosted(waving.parent) as address:
         done = invoke("watch", f"{address}wave.mp4", "--json", "--tau", 0)
         assert (done.exit_code, done.stdout) == (
@@ -257,7 +247,7 @@ def test_a_video_at_an_address_is_none_of_a_camera(
             assert (refused.exit_code, there in refused.stderr) == (3, True), refused.stderr
 
 
-def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None:
+def test_cameras(waving: Path, tmp_path: Path) -> None:
     pictures: list[bytes | float] = [part(frame.image) for frame in VideoFile(waving).frames()]
     with answering([*pictures, 60.0]) as address:
         words = ("cameras", address, waving, "/dev/null", "--stills", tmp_path)
@@ -332,9 +322,7 @@ def test_what_ends_watching_ends_it_well(filled: SupportStore, waving: Path, end
         assert json.loads(line)["label"]
 
 
-def test_watch_keeps_what_it_told(
-    invoke: Invoke, store: SupportStore, waving: Path, tmp_path: Path
-) -> None:
+def test_watch_keeps_what_it_told(store: SupportStore, waving: Path, tmp_path: Path) -> None:
     invoke("enroll", "wave", waving, "--start", 0)
     folder = tmp_path / "seen"
     told = json.loads(invoke("watch", waving, "--json", "--tau", 0, "--record", folder).stdout)
@@ -362,9 +350,7 @@ def test_several_processes_look_at_the_same_video(waving: Path, home: Path) -> N
     assert [path.suffix for path in (home / "poses").glob("[!.]*")] == [".npz"]
 
 
-def test_watch_tells_what_there_was_not(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
+def test_watch_tells_what_there_was_not(filled: SupportStore, tmp_path: Path) -> None:
     picture, empty = tmp_path / "one.png", tmp_path / "empty.avi"
     cv2.imwrite(str(picture), np.zeros((64, 64, 3), np.uint8))
     done = invoke("watch", picture)
@@ -462,7 +448,7 @@ def at_camera(monkeypatch: pytest.MonkeyPatch) -> type[Paced]:
     ],
 )
 def test_record(
-    invoke: Invoke, store: SupportStore, waving: Path, at_camera: type[Paced], tmp_path: Path,
+    store: SupportStore, waving: Path, at_camera: type[Paced], tmp_path: Path,
     seconds: float, seen: bool, message: str | None,
 ) -> None:  # fmt: skip
     grey = [np.full((64, 64, 3), 128, np.uint8)] * 20
@@ -494,7 +480,6 @@ def part_of(video: Path, copy: Path, seconds: float) -> Path:
 
 
 def test_the_commands_of_the_documents(
-    invoke: Invoke,
     shared: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

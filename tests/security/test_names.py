@@ -21,7 +21,7 @@ from actioncli.studio.upload_folder import UploadFolder
 from tests.cli.test_evaluate import toys
 from tests.pose.videos import number, numbered, write_video
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 __all__ = ["toys"]
 
@@ -51,9 +51,7 @@ def test_videos_are_read_and_written(odd: Path) -> None:
     assert len(list(VideoFile(odd / "b.mp4").frames())) == 8
 
 
-def test_a_clip_is_enrolled_explained_and_shown(
-    odd: Path, invoke: Invoke, filled: SupportStore
-) -> None:
+def test_a_clip_is_enrolled_explained_and_shown(odd: Path, filled: SupportStore) -> None:
     clip = odd / f"{ODD}.npz"
     clip.write_bytes((EXAMPLES / "squat/ben.npz").read_bytes())
     page = odd / f"{ODD}.html"
@@ -78,7 +76,7 @@ def test_a_clip_is_written_and_read_back(odd: Path, kind: str) -> None:
     assert len(read_clip(file, up="y")) == len(read_clip(clip))
 
 
-def test_a_collection_is_evaluated(odd: Path, invoke: Invoke, toys: Path) -> None:
+def test_a_collection_is_evaluated(odd: Path, toys: Path) -> None:
     collection = odd / f"{ODD}.npz"
     collection.write_bytes((toys / "one.npz").read_bytes())
     figures = odd / "figures.json"

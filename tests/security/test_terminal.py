@@ -13,7 +13,7 @@ import pytest
 from actioncli import SupportStore, read_clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 # Titles, clearing, colours, links, the bell, direction, invisible letters, line breaks.
 EVIL = "\x1b]0;pwned\x07\x1b[2J\x1b[31m\x9b31m\u202egpj\u200b\u2028\r"
@@ -48,9 +48,7 @@ def evil(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("form", [[], ["--json"], ["--quiet"], ["--debug"]])
-def test_names_of_files_and_fields(
-    invoke: Invoke, filled: SupportStore, evil: Path, form: list[str]
-) -> None:
+def test_names_of_files_and_fields(filled: SupportStore, evil: Path, form: list[str]) -> None:
     commands = [
         ["classify", evil],
         ["enroll", "twist", evil],
