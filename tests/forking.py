@@ -1,7 +1,5 @@
 """Processes in need: to be killed, to run without root's rights, or to run out of space."""
 
-from __future__ import annotations
-
 import os
 import resource
 import sys

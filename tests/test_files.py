@@ -1,7 +1,5 @@
 """Where a user's files lie, also where the user has no home; and what differs between systems."""
 
-from __future__ import annotations
-
 import os
 import pwd
 import re

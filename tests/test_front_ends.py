@@ -1,7 +1,5 @@
 """Whoever asks, the answer is the same: the command, the library, the studio and a batch."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

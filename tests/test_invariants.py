@@ -1,7 +1,5 @@
 """What a decision must not depend on, with the weights that are shipped."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -5,8 +5,6 @@ seconds to answer, which a machine that is busy with other tests does not keep. 
 runs with `make nightly`.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """Videos on the command line: enroll, classify, extract and watch."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

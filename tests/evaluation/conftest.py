@@ -1,7 +1,5 @@
 """A small collection of made-up motions that a plain method can tell apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from clips.bodies import STANCE

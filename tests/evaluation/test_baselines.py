@@ -1,7 +1,5 @@
 """Baselines answer as their names say, through the interface of a recogniser."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Episodes keep the rules of their protocol whatever the collection looks like."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from cases import cases

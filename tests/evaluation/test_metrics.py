@@ -1,7 +1,5 @@
 """Metrics against their definitions, by brute force and by their invariances."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 

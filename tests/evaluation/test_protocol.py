@@ -1,7 +1,5 @@
 """Whole evaluations with real scorers on made-up motions, and on recordings where they are."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

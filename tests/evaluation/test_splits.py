@@ -1,7 +1,5 @@
 """The splits file: what it gives and how it fails."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rounds of faults: 60 with every run of the tests, 1,000 at night."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fuzzing: four seconds for each reader with the tests, `FUZZ_SECONDS` with `make fuzz`."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

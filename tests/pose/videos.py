@@ -1,7 +1,5 @@
 """Videos for the tests: drawn ones, and frames of real clips."""
 
-from __future__ import annotations
-
 import struct
 import threading
 import time

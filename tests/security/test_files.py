@@ -2,8 +2,6 @@
 bounded time and memory. Damage by chance is in `tests/clips/test_damage.py`, what nobody thought
 of in `tests/fuzz`."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,8 +1,6 @@
 """Folders that others may write: links that they lay are not followed, and what holds somebody's
 movements is private."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names that are no UTF-8: a file from another system, or from somebody who means harm."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages and tables of reports: labels and names in them stay text."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A store that somebody else made, or made a trap around."""
 
-from __future__ import annotations
-
 import json
 import re
 import sqlite3

@@ -1,7 +1,5 @@
 """Nothing that comes from a file, or is a file's name, steers a terminal."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import unicodedata

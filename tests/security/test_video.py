@@ -1,7 +1,5 @@
 """Hostile videos: they open nothing but themselves, and take little memory."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Where the store lies, and who can read it."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Callable

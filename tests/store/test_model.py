@@ -1,7 +1,5 @@
 """Whatever is done in whatever order: the store holds what a dictionary would."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path

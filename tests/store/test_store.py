@@ -1,7 +1,5 @@
 """The support set: enrolling, listing, removing, renaming."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 from datetime import UTC, datetime

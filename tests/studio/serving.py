@@ -1,7 +1,5 @@
 """A page on a real port, and a client that speaks to it as the page does."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

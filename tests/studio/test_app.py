@@ -1,7 +1,5 @@
 """What the studio's page can ask for."""
 
-from __future__ import annotations
-
 import errno
 import http.client
 import threading

@@ -1,7 +1,5 @@
 """Who may talk to a local page."""
 
-from __future__ import annotations
-
 import resource
 import socket
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The studio in a real browser."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

@@ -1,7 +1,5 @@
 """The page of `review`: recorded clips, decided on by a click or a key."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

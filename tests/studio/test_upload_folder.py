@@ -1,7 +1,5 @@
 """Where uploads lie, and what is deleted of what lies there."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path
