@@ -121,10 +121,7 @@ def test_what_could_not_be_measured_is_told(toys: Path, tmp_path: Path) -> None:
     ],
 )
 def test_senseless_arguments_are_usage_errors(
-    toys: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    message: str,
+    toys: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
 ) -> None:
     monkeypatch.chdir(toys)
     result = invoke("evaluate", *arguments)

@@ -478,10 +478,7 @@ def part_of(video: Path, copy: Path, seconds: float) -> Path:
 
 
 def test_the_commands_of_the_documents(
-    shared: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    at_camera: type[Paced],
+    shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_camera: type[Paced]
 ) -> None:
     """How to begin, in order; a recorded person stands before the camera."""
     monkeypatch.chdir(tmp_path)

@@ -16,14 +16,7 @@ import numpy as np
 import pytest
 from fuzz.readers import READERS, _pack_weights, _with_zeros
 
-from actioncli import (
-    Clip,
-    ClipError,
-    Recognizer,
-    WeightsError,
-    read_clip,
-    read_collection,
-)
+from actioncli import Clip, ClipError, Recognizer, WeightsError, read_clip, read_collection
 from actioncli.clips.prepare import Preparation
 from actioncli.errors import ActionCliError
 from actioncli.model.config import ModelConfig, config_to_json

@@ -99,11 +99,7 @@ def test_a_label_that_nobody_could_enrol_goes_nowhere(kept: SupportStore, label:
             "UPDATE examples SET seal = seal(id, label, negative, source, note, added, checksum)"
         )
         db.commit()
-    for use in (
-        kept.actions,
-        kept.examples,
-        lambda: SupportSet.load(kept, recognizer),
-    ):
+    for use in (kept.actions, kept.examples, lambda: SupportSet.load(kept, recognizer)):
         with pytest.raises(StoreError, match="label") as error:
             use()
         assert str(error.value).isprintable()

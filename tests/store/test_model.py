@@ -126,7 +126,5 @@ class StoreModel(RuleBasedStateMachine):
 
 TestStoreModel = StoreModel.TestCase
 TestStoreModel.settings = settings(
-    max_examples=cases(30),
-    stateful_step_count=20,
-    suppress_health_check=[HealthCheck.too_slow],
+    max_examples=cases(30), stateful_step_count=20, suppress_health_check=[HealthCheck.too_slow]
 )
