@@ -151,7 +151,11 @@ _SYSTEMS = re.compile(
     r"|os\.(?:name|fork|getuid|geteuid|kill|mkfifo|sched_\w+|setsid|O_NOFOLLOW))\b"
 )
 # In a process that was forked, so on Linux; and where it is heeded that there is no such module.
-_HEEDED = {("processes.py", "os.sched_setaffinity"), ("review.py", "import termios")}
+_HEEDED = {
+    ("processes.py", "os.sched_setaffinity"),
+    ("review.py", "import termios"),
+    ("c3d.py", "import resource"),
+}
 
 
 def test_only_files_asks_which_system_it_is() -> None:

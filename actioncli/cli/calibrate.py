@@ -13,7 +13,8 @@ from actioncli.cli.options import StreamReading, WeightsOption
 from actioncli.cli.output import plural, printable, progress, say, table, write_json
 from actioncli.cli.reading import read_each, usable
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose.read import ReadOptions, find_any
+from actioncli.pose import ReadOptions
+from actioncli.pose.read import find_any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

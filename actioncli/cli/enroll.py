@@ -14,8 +14,8 @@ from actioncli.cli.options import ClipReading, WeightsOption, complete_label, fi
 from actioncli.cli.output import plural, printable, say, write_json
 from actioncli.cli.reading import read_each, usable
 from actioncli.errors import ClipError, UsageError, WeightsError
-from actioncli.pose import without_password
-from actioncli.pose.read import ReadOptions, find_any
+from actioncli.pose import ReadOptions, without_password
+from actioncli.pose.read import find_any
 from actioncli.store.names import NEGATIVES
 
 if TYPE_CHECKING:

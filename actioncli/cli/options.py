@@ -5,16 +5,13 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from actioncli.cli.command import Options
 from actioncli.errors import ActionCliError, UsageError
-from actioncli.pose.read import ReadOptions
-
-if TYPE_CHECKING:
-    from actioncli.pose.metrabs import PoseModel
+from actioncli.pose import ReadOptions
 
 
 def complete_label(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -163,12 +160,11 @@ def read_options(
             "--pose metrabs and --pose-model FOLDER belong together: the model is not part of "
             "actioncli."
         )
-    model: PoseModel | None = None
     if pose_model is not None:
         from actioncli.pose.metrabs import load_model
 
-        model = load_model(pose_model)
-    return ReadOptions(layout, fps, unit, up, start, end, quality, person, cache, hands, model)
+        load_model(pose_model)  # it stays loaded; one that cannot be is told before any work
+    return ReadOptions(layout, fps, unit, up, start, end, quality, person, cache, hands, pose_model)
 
 
 _FILE, _PERSON = "layout unit up fps", "quality person cache hands"

@@ -11,7 +11,8 @@ from actioncli.archives.processes import cores, in_processes
 from actioncli.cli.output import disk_is_full, error_entry, note, printable, progress
 from actioncli.cli.video import video_progress
 from actioncli.errors import ClipError
-from actioncli.pose.read import ReadOptions, is_video, read_any
+from actioncli.pose import ReadOptions
+from actioncli.pose.read import is_video, read_any
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip

@@ -26,7 +26,7 @@ from actioncli.errors import SupportError, UsageError
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.report.drawing import Theme
+    from actioncli.clips.drawing import Theme
 
 LabelArgument = Annotated[
     str, typer.Argument(help="Name of an enrolled action.", autocompletion=complete_label)

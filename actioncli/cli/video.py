@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
-    from actioncli.clips.clip import Clip
     from actioncli.pose.poses import Poses
-    from actioncli.pose.read import ReadOptions
     from actioncli.pose.video import Progress
     from actioncli.recognition.decision import Decision
 
@@ -75,22 +73,6 @@ def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None
         raise UsageError("--annotate draws what BlazePose sees; leave out --pose metrabs.")
     if output.suffix.lower() != ".mp4":
         raise UsageError(f"--annotate writes MP4: let {output} end in .mp4.")
-
-
-def read_annotated(path: Path, options: ReadOptions, shown: bool) -> tuple[Clip, Poses]:
-    """Read a video, with progress if `shown`; the clip, and the poses to draw.
-
-    Raises:
-        ClipError: it cannot be read.
-    """
-    from actioncli.pose.video import DEFAULT_QUALITY, clip_of, read_poses
-
-    part, quality = (options.start, options.end), options.quality or DEFAULT_QUALITY
-    with video_progress(path, shown=shown) as progress:
-        poses = read_poses(
-            path, *part, quality, options.person, options.cache, progress, hands=options.hands
-        )
-    return clip_of(poses, path, whole=options.whole), poses
 
 
 def write_annotation(

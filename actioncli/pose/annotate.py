@@ -15,6 +15,7 @@ from actioncli.errors import ClipError
 from actioncli.files import replacing
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT
+from actioncli.pose.lettering import text_width, write_text
 from actioncli.pose.mp4 import mp4_writer
 from actioncli.pose.poses import LONGEST_GAP, Poses
 from actioncli.pose.region import Image
@@ -63,7 +64,7 @@ def annotate_video(
 
     Args:
         lines: text for the upper left corner at a time of the video; one that begins with ✓ or ✗
-            has its colour. Letters that the font lacks become `?`.
+            has its colour.
         progress: called now and then while frames are drawn.
 
     Returns:
@@ -121,20 +122,21 @@ def _draw(image: Image, poses: Poses, time: float) -> None:
 
 
 def _write(image: Image, lines: Sequence[str]) -> None:
-    scale = max(0.4, min(image.shape[:2]) / 700)
-    step = round(34 * scale)
-    font = cv2.FONT_HERSHEY_SIMPLEX
     if not lines:
         return
-    texts = [line.lstrip("✓✗ ").encode("ascii", "replace").decode("ascii") for line in lines]
-    width = max(cv2.getTextSize(text, font, scale, 1)[0][0] for text in texts)
+    scale = max(0.5, min(image.shape[:2]) / 700)
+    step = round(34 * scale)
+    texts = [line.lstrip("✓✗ ") for line in lines]
     indent = step if any(line[:1] in _SIGNS for line in lines) else 0
-    right, bottom = width + step + indent, step * len(texts) + step // 2
+    # A long label in a narrow video becomes smaller, rather than be cut off.
+    room = image.shape[1] - step - indent
+    width = max(text_width(text, 0.9 * step) for text in texts)
+    size = 0.9 * step * min(1, room / max(width, 1))
+    right, bottom = min(width, room) + step + indent, step * len(texts) + step // 2
     cv2.rectangle(image, (0, 0), (right, bottom), (0, 0, 0), -1)
     for n, (line, text) in enumerate(zip(lines, texts, strict=True), 1):
         colour, strokes = _SIGNS.get(line[:1], ((255, 255, 255), []))
         corner, side = np.array([step / 2, step * (n - 0.65)]), 0.65 * step
         points = [np.rint(corner + side * np.array(stroke)).astype(np.int32) for stroke in strokes]
         cv2.polylines(image, points, False, colour, max(2, round(3 * scale)), cv2.LINE_AA)
-        place = (step // 2 + indent, step * n)
-        cv2.putText(image, text, place, font, scale, colour, 1, cv2.LINE_AA)
+        write_text(image, (step // 2 + indent, step * n), text, size, colour)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from actioncli.clips.clip import Clip
+from actioncli.clips.drawing import PALETTES, Drawing, Line, Oval, Text, Theme, svg
 from actioncli.errors import UsageError
 from actioncli.files import replacing
+from actioncli.pose.lettering import text_width, write_text
 from actioncli.pose.mp4 import mp4_writer
-from actioncli.report.drawing import PALETTES, Drawing, Line, Oval, Text, Theme, svg
 from actioncli.report.figure import figure
 from actioncli.report.scenes import Example, moments, pictures, strip
 
@@ -149,19 +149,12 @@ def _painted(drawing: Drawing, theme: Theme, sharpness: float) -> Any:
             oval(x, y, rx + half, ry + half, colours[shape.role])
             if shape.width is not None:
                 oval(x, y, max(rx - half, 0), max(ry - half, 0), colours["paper"])
-    image = fine.reduce(_FINER)
-    pen = ImageDraw.Draw(image)
+    image = np.array(fine.reduce(_FINER))
     for shape in drawing.shapes:
         if isinstance(shape, Text):
-            anchor = {"start": "ls", "middle": "ms", "end": "rs"}[shape.anchor]
-            at = (sharpness * shape.at[0], sharpness * shape.at[1])
-            font = _font(shape.size * sharpness)
-            pen.text(at, shape.text, fill=colours[shape.role], font=font, anchor=anchor)
-    return image
-
-
-@cache
-def _font(size: float) -> Any:
-    from PIL import ImageFont
-
-    return ImageFont.load_default(size)
+            large = shape.size * sharpness
+            before = {"start": 0, "middle": 0.5, "end": 1}[shape.anchor]
+            x = sharpness * shape.at[0] - before * text_width(shape.text, large)
+            ink = bytes.fromhex(colours[shape.role][1:])
+            write_text(image, (x, sharpness * shape.at[1]), shape.text, large, tuple(ink))
+    return Image.fromarray(image)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from unicodedata import east_asian_width
 
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.report.drawing import Drawing, Line, Oval, Shape, Text
+from actioncli.clips.drawing import Drawing, Line, Oval, Shape, Text
 from actioncli.report.figure import Figure, project
 
 # Poses in a strip: enough to see a movement, few enough to see each pose.
@@ -19,6 +20,7 @@ _TALL = 150.0  # height of a pose in it, at most
 _OVERLAP = 1.35  # how much wider than its place the widest pose may be
 _MARGIN = 20.0
 _PANEL = 360.0  # side of the box of one figure in an animation
+_HEADER = 70.0  # height of label and legend above them
 _HEAD_RADIUS = 0.1  # metres
 _LOWEST_TOP = 1.2  # metres that a picture is high at least: who lies down is no giant
 _HOLD = 0.6  # seconds that the last pose stays before an animation starts again
@@ -39,7 +41,7 @@ def strip(label: str, examples: Sequence[Example]) -> Drawing:
     have the same scale; the wider the poses, the fewer there are.
     """
     width = 2 * _MARGIN + _STRIP
-    shapes: list[Shape] = [Text((_MARGIN, 38), label, 20)]
+    shapes: list[Shape] = [Text((_MARGIN, 38), _cut(label, 20, width - 240), 20)]
     shapes += _legend(width - _MARGIN, 36)
     reach = max(_reach(example.figure) for example in examples)
     tallest = max(_height(example.figure) for example in examples)
@@ -48,7 +50,8 @@ def strip(label: str, examples: Sequence[Example]) -> Drawing:
     poses = min(max(poses, FEWEST_POSES), MOST_POSES)
     top = 54.0
     for example in examples:
-        shapes.append(Text((_MARGIN, top + 14), example.caption, 12, "muted"))
+        caption = _cut(example.caption, 12, _STRIP)
+        shapes.append(Text((_MARGIN, top + 14), caption, 12, "muted"))
         ground = top + 30 + scale * tallest
         frames = np.linspace(0, len(example.figure.points) - 1, poses).round().astype(int)
         for place, frame in enumerate(frames):
@@ -77,17 +80,28 @@ def moments(label: str, examples: Sequence[Example], rate: float) -> Iterator[Dr
     scale = min((panel - 76) / box for box in boxes)
     for picture in range(pictures(examples, rate)):
         seconds = picture / rate
-        shapes: list[Shape] = [Text((_MARGIN, 36), label, 20)]
-        shapes += _legend(across * panel - _MARGIN, 34)
+        wide = across * panel - 2 * _MARGIN
+        shapes: list[Shape] = [Text((_MARGIN, 36), _cut(label, 20, wide), 20)]
+        shapes += _legend(_MARGIN + 158, 60)
         for place, example in enumerate(examples):
-            left, top = place % across * panel, 56 + place // across * panel
+            left, top = place % across * panel, _HEADER + place // across * panel
             frame = example.figure.at(seconds)
             at = (left + panel / 2, top + panel - 52)
             shapes += ground_and_body(example.figure, frame, at, scale, 5, travels=True)
             shown = min(seconds, example.figure.duration)
-            words = f"{example.caption}, {shown:.1f} s"
+            words = f"{_cut(example.caption, 12, panel - 70)}, {shown:.1f} s"
             shapes.append(Text((left + panel / 2, top + panel - 14), words, 12, "muted", "middle"))
-        yield Drawing(across * panel, 56 + down * panel, shapes, f"{label} in motion")
+        yield Drawing(across * panel, _HEADER + down * panel, shapes, f"{label} in motion")
+
+
+def _cut(text: str, size: float, room: float) -> str:
+    """As much of a line as fits into so many pixels; a label or a file's name may be longer."""
+    most, used = room / (0.56 * size), 0  # letters of common fonts are about so wide
+    for end, letter in enumerate(text):
+        used += 2 if east_asian_width(letter) in "WF" else 1
+        if used > most:
+            return text[: end - 1] + "…"
+    return text
 
 
 def ground_and_body(

@@ -56,6 +56,14 @@ def test_accepted_and_rejected_have_a_sign_and_a_colour(tmp_path: Path) -> None:
     assert plain[0] != plain[1]
 
 
+def test_a_long_label_fits_into_a_narrow_video(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", [np.full((320, 180, 3), 90, np.uint8)] * 3)
+    annotate_video(video, tmp_path / "out.mp4", standing(3), lambda _: [f"✓ {'größer' * 4}"])
+    image = next(iter(VideoFile(tmp_path / "out.mp4").frames())).image[:16].max(axis=2)
+    assert (image[:, 110:168] > 100).any()
+    assert (image[:, 172:] < 60).all()
+
+
 def test_fingers_of_a_hand_that_was_seen(tmp_path: Path) -> None:
     """Both hands' fingers lie below the skeleton; only the left hand was seen, and in half."""
     video = write_video(tmp_path / "in.mp4", [np.full((64, 96, 3), 90, np.uint8)] * 12)

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from actioncli import Clip, UsageError, read_clip
-from actioncli.report.drawing import PALETTES, Drawing, Shape, Theme
+from actioncli.clips.drawing import PALETTES, Drawing, Shape, Theme
 from actioncli.report.pictures import write_picture
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -39,6 +39,9 @@ def test_svg_follows_its_reader_and_escapes(tmp_path: Path, squat: Clip) -> None
     assert said[0] == label
     assert {"<b>one", "two", "left", "0.0 s"} <= set(said)
     assert "prefers-color-scheme:dark" in text
+    write_picture(tmp_path / "wide.svg", "挥" * 100, [("a" * 255, squat)])
+    said = [element.text or "" for element in ET.parse(tmp_path / "wide.svg").iter(f"{SVG}text")]
+    assert [text[-1] for text in said if text[0] in "挥a"] == ["…", "…"]
     assert not any("http" in value for e in root.iter() for value in e.attrib.values())
     write_picture(tmp_path / "dark.svg", label, [("one", squat)], "dark")
     fixed = (tmp_path / "dark.svg").read_text()

@@ -10,7 +10,7 @@ import pytest
 
 from actioncli import ClipError
 from actioncli.pose.frames import VideoFile
-from actioncli.pose.video import read_video_clip
+from actioncli.pose.read import read_clip
 from tests.pose.videos import Quiet, web_server
 
 from .limits import run_limited
@@ -57,7 +57,7 @@ def test_a_playlist_in_a_video_opens_no_connection(tmp_path: Path, listener: Lis
         file = tmp_path / name
         file.write_text(content)
         with pytest.raises(ClipError, match="not a video"):
-            read_video_clip(file, cache=False)
+            read_clip(file, cache=False)
     assert listener.asked == []
 
 
