@@ -6,6 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from actioncli import SupportStore, __version__, files
@@ -25,6 +26,7 @@ def test_a_whole_installation(filled: SupportStore) -> None:
     for part in ("weights", "recognition", "poses", "hands"):
         assert found[part]["status"] == "ok"
     assert found["pose_detector.onnx"]["detail"].endswith("intact")
+    assert found["numpy"]["detail"] == f"numpy {np.__version__}"
     assert "numpy" in invoke("doctor").stdout
     assert invoke("doctor", "-q").output == ""
 
