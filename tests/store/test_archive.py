@@ -1,7 +1,5 @@
 """Export and import: nothing is lost on the way, and nothing else gets in."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
