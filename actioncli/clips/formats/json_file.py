@@ -191,7 +191,7 @@ def _from_points(
         [[body.get(name, missing) for name in names] for body in (*frame, *[nobody] * most)[:most]]
         for frame in bodies
     ])  # fmt: skip
-    if values is None:
+    if values is None or values.ndim != 4:
         raise ClipError(f"{file}: a point must be three numbers, x, y and z.")
     positions, seen = values[..., :3], values[..., 3]
     named = {} if np.isnan(seen).all() else {"confidence": np.where(np.isnan(seen), 1, seen)}
