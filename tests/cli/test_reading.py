@@ -1,7 +1,5 @@
 """How many clips are read at the same time, and what comes of each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -152,28 +150,28 @@ def test_pytorch_release(release: Path, tmp_path: Path) -> None:
     )
 
 
-def test_another_release_is_told(release: Path) -> None:
-    np.savez(release / "joint_info.npz", joint_names=["a_coco"], joint_edges=[[0, 0]])
-    with pytest.raises(WeightsError, match="lacks pelv_smpl"):
-        load_model(release)
+def joint_info(names: object) -> Callable[[Path], object]:
+    """Replaces the names of a release."""
+    return lambda folder: np.savez(
+        folder / "joint_info.npz", joint_names=names, joint_edges=[[0, 0]]
+    )
 
 
-def test_a_pickled_network_is_not_read_but_told_how_to_turn(release: Path) -> None:
-    (release / "ckpt.safetensors").rename(release / "ckpt.pt")
-    with pytest.raises(WeightsError, match=r"is a pickle.*save_file"):
-        load_model(release)
-
-
-def test_a_damaged_network_is_told(release: Path) -> None:
-    (release / "ckpt.safetensors").write_bytes(b"damaged")
-    with pytest.raises(WeightsError, match="cannot be loaded"):
-        load_model(release)
-
-
-def test_pickles_are_not_read(release: Path) -> None:
-    (release / "joint_info.npz").unlink()
-    np.savez(release / "joint_info.npz", joint_names=np.array([object()]), joint_edges=[[0, 0]])
-    with pytest.raises(WeightsError, match="cannot be loaded"):
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (joint_info(["a_coco"]), "lacks pelv_smpl"),
+        (joint_info(np.array([object()])), "cannot be loaded"),
+        (lambda folder: (folder / "ckpt.safetensors").write_bytes(b"damaged"), "cannot be loaded"),
+        (lambda folder: (folder / "ckpt.safetensors").rename(folder / "ckpt.pt"),
+         r"is a pickle.*save_file"),
+    ],
+)  # fmt: skip
+def test_another_or_a_damaged_release_is_told(
+    release: Path, damage: Callable[[Path], object], message: str
+) -> None:
+    damage(release)
+    with pytest.raises(WeightsError, match=message):
         load_model(release)
 
 
@@ -215,15 +213,14 @@ def test_saved_model(tmp_path: Path) -> None:
     np.testing.assert_allclose(clip.joints[0, 29, :2], [-0.29, -0.87], rtol=0.05)
 
 
-def test_saved_model_without_tensorflow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_model_and_one_without_tensorflow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(WeightsError, match="is no MeTRAbs model"):
+        load_model(tmp_path)
     monkeypatch.setitem(sys.modules, "tensorflow", None)
     (tmp_path / "saved_model.pb").touch()
     with pytest.raises(WeightsError, match="needs TensorFlow"):
-        load_model(tmp_path)
-
-
-def test_no_model(tmp_path: Path) -> None:
-    with pytest.raises(WeightsError, match="is no MeTRAbs model"):
         load_model(tmp_path)
 
 

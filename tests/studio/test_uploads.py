@@ -1,7 +1,5 @@
 """Uploaded clips: read, cancelled, dropped."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
