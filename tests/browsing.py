@@ -1,7 +1,5 @@
 """Pages in a real browser, watched: what goes wrong in one fails the test that opened it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """How many examples a property test draws."""
 
-from __future__ import annotations
-
 import os
 
 TIMES = int(os.environ.get("PROPERTY_TIMES", "1"))

@@ -1,7 +1,5 @@
 """What all tests share."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -20,8 +18,7 @@ collect_ignore = [] if find_spec("torch") else ["training"]
 # Who starts the tests in the background of a script, or under nohup, has them ignore these signals,
 # and all that they start would.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-if hasattr(signal, "SIGHUP"):
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # How long an example takes says how busy the machine is; time is measured by the benchmarks.
 # Two runs of one revision try the same examples; more and other ones belong to `make nightly`.

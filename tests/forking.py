@@ -1,15 +1,12 @@
 """Processes in need: to be killed, to run without root's rights, or to run out of space."""
 
-from __future__ import annotations
-
 import os
+import resource
 import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-
-import pytest
 
 NOBODY = 65534
 
@@ -33,8 +30,6 @@ def fork(work: Callable[[], object], ordinary: bool = False, limit: bool = False
     code = 1
     try:
         if limit:
-            import resource
-
             resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
         if ordinary and os.geteuid() == 0:
             os.setgroups([])
@@ -52,7 +47,6 @@ def fork(work: Callable[[], object], ordinary: bool = False, limit: bool = False
 @contextmanager
 def files_up_to(size: int) -> Iterator[None]:
     """Let no file of this process grow beyond so many bytes, as on a full disk."""
-    resource = pytest.importorskip("resource", reason="such a limit is not possible")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:

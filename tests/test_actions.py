@@ -1,7 +1,5 @@
 """`actioncli.open()`: enrol, classify, explain and watch, as the commands do."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The house: which room may import which. No arrow runs up, and there is no circle of files."""
 
-from __future__ import annotations
-
 import ast
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path

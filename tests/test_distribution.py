@@ -1,7 +1,5 @@
 """What is uploaded, installed where nothing else is, does the main job."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,12 +1,12 @@
 """Where a user's files lie, also where the user has no home; and what differs between systems."""
 
-from __future__ import annotations
-
 import os
+import pwd
 import re
 import signal
 import subprocess
 import sys
+import webbrowser
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,19 +20,17 @@ from actioncli.errors import StoreError, UsageError
 from actioncli.files import NoHomeError, user_folder, user_settings
 from actioncli.pose import cache, camera
 from actioncli.store.backup import make_backup
+from actioncli.studio.server import Server
+from actioncli.studio.upload_folder import UploadFolder
 from tests.pose.test_cache import poses
 from tests.pose.videos import numbered, write_video
 
 ROOT = Path(__file__).parents[1]
 
-posix = pytest.mark.skipif(os.name != "posix", reason="homes are found otherwise there")
-
 
 @pytest.fixture
 def homeless(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a service or a container can be: of a user that the system knows nothing about."""
-    import pwd
-
     for name in ("HOME", "ACTIONCLI_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
 
@@ -55,35 +53,21 @@ def test_actioncli_home_names_the_folder(kind: str, monkeypatch: pytest.MonkeyPa
     assert user_folder(kind).is_absolute()  # type: ignore[arg-type]
 
 
-@posix
 @pytest.mark.usefixtures("homeless")
-def test_without_a_home_the_way_out_is_told(tmp_path: Path) -> None:
+def test_without_a_home_the_way_out_is_told_and_nothing_is_kept(tmp_path: Path) -> None:
     for kind in ("data", "cache"):
         with pytest.raises(NoHomeError, match="let ACTIONCLI_HOME name a folder"):
             user_folder(kind)  # type: ignore[arg-type]
     with pytest.raises(StoreError, match="let ACTIONCLI_HOME name a folder"):
         SupportStore()
     assert SupportStore(tmp_path / "a.db").check() == []
-
-
-@posix
-@pytest.mark.usefixtures("homeless")
-def test_without_a_home_poses_are_not_kept() -> None:
-    cache.keep("a", poses())
-    assert cache.load("a") is None
-
-
-@posix
-@pytest.mark.usefixtures("homeless")
-def test_without_a_home_the_studio_has_no_place() -> None:
-    pytest.importorskip("starlette", reason="needs the extra `studio`")
-    from actioncli.studio.upload_folder import UploadFolder
-
     with pytest.raises(UsageError, match="let ACTIONCLI_HOME name a folder"):
         UploadFolder()
+    cache.keep("a", poses())
+    assert cache.load("a") is None
+    assert user_settings() == {}
 
 
-@posix
 def test_a_folder_that_is_gone_is_told(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()
@@ -160,12 +144,6 @@ def test_settings_of_the_environment_name_their_variable(
         user_settings()
 
 
-@posix
-@pytest.mark.usefixtures("homeless")
-def test_without_a_home_there_are_no_settings() -> None:
-    assert user_settings() == {}
-
-
 # What some systems lack, and what asks for them.
 _SYSTEMS = re.compile(
     r"\b(?:sys\.platform|signal\.SIG(?:HUP|KILL|USR1)"
@@ -173,7 +151,11 @@ _SYSTEMS = re.compile(
     r"|os\.(?:name|fork|getuid|geteuid|kill|mkfifo|sched_\w+|setsid|O_NOFOLLOW))\b"
 )
 # In a process that was forked, so on Linux; and where it is heeded that there is no such module.
-_HEEDED = {("processes.py", "os.sched_setaffinity"), ("review.py", "import termios")}
+_HEEDED = {
+    ("processes.py", "os.sched_setaffinity"),
+    ("review.py", "import termios"),
+    ("c3d.py", "import resource"),
+}
 
 
 def test_only_files_asks_which_system_it_is() -> None:
@@ -224,12 +206,6 @@ def test_commands_work_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.usefixtures("elsewhere")
 def test_the_studio_works_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("starlette", reason="needs the extra `studio`")
-    import webbrowser
-
-    from actioncli.studio.server import Server
-    from actioncli.studio.upload_folder import UploadFolder
-
     monkeypatch.setenv("ACTIONCLI_HOME", str(tmp_path))
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(webbrowser, "open", lambda address: address.startswith("file:"))

@@ -1,7 +1,5 @@
 """Whoever asks, the answer is the same: the command, the library, the studio and a batch."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -65,13 +63,18 @@ def test_all_front_ends_answer_alike(
     assert wanted.part is not None
     assert wanted.part[1] - wanted.part[0] < clip.duration / 2  # a window
 
-    command = ["classify", str(query), "--json", "--store", str(store.path)]
+    command = ["classify", str(query), "--json", "--store", str(store.path), "--top", "1"]
     by_command = subprocess.run(
         [sys.executable, "-m", "actioncli", *command], capture_output=True, text=True, check=False
     )
     (found,) = json.loads(by_command.stdout)["clips"]
     assert (found["label"], found["nearest"]) == (wanted.label, wanted.nearest)
     assert (found["confidence"], found["tau"]) == pytest.approx((wanted.confidence, wanted.tau))
+    assert (found["accepted"], found["notes"]) == (wanted.accepted, list(wanted.notes))
+    (ranked,), first = found["ranking"], wanted.ranking[0]
+    numbers = {each: ranked.pop(each) for each in ("distance", "probability", "confidence")}
+    assert ranked == {"label": first.label}
+    assert numbers == pytest.approx({each: getattr(first, each) for each in numbers}, rel=1e-4)
     assert (found["part"]["start"], found["part"]["end"]) == pytest.approx(wanted.part)
 
     # Of clips, the library knows the durations; their threshold is the caller's.

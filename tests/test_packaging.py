@@ -126,23 +126,6 @@ def test_every_package_is_listed() -> None:
     assert set(CARD["tool"]["setuptools"]["packages"]) == found | beside
 
 
-def test_importing_is_light() -> None:
-    script = (
-        "import json, sys, actioncli, actioncli.cli.app, actioncli.store.store\n"
-        "print(json.dumps(sorted(sys.modules)))"
-    )
-    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    heavy = {"numpy", "torch", "cv2", "onnxruntime", "safetensors", "array_api_compat"}
-    assert not heavy & set(json.loads(ran.stdout))
-
-
-def test_every_public_name_is_there() -> None:
-    for name in actioncli.__all__:
-        assert getattr(actioncli, name) is not None
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = actioncli.nothing
-
-
 def test_version_is_the_same_everywhere() -> None:
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     newest = re.search(r"^## \[(\d[^\]]*)\]", changelog, re.MULTILINE)

@@ -29,9 +29,10 @@ from measure_live import ENROLLED, Looks, Performance, Score, told
 from actioncli.clips.clip import Clip
 from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream, file_frames
+from actioncli.pose import ReadOptions
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.region import Image
-from actioncli.pose.video import read_video_clip
+from actioncli.pose.video import clip_of, read_poses
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.recognition.support import SupportSet
 from actioncli.recognition.threshold import DEFAULT_TAU
@@ -241,7 +242,8 @@ def counting(
             row = rows[_name(parts[at])]
             start, end = float(row["start"]), float(row["end"])
             path = parts[at].path
-            ones[label] = [read_video_clip(path, start, end, quality=quality, rate=RATE)]
+            part = ReadOptions(start=start, end=end, quality=quality)
+            ones[label] = [clip_of(read_poses(path, part, rate=RATE), path, whole=True)]
         support = SupportSet.from_clips(ones, recognizer)
         detector = EventDetector(support)
         looks: Looks = [(detector.look(clip), clip, now) for clip, now in seen]
@@ -279,8 +281,8 @@ def main() -> None:
     paths = sorted(path for path in arguments.folder.glob("*/*") if path.is_file())
 
     def read(quality: str, rate: float) -> list[Recording]:
-        clips = ((p, read_video_clip(p, quality=quality, rate=rate)) for p in paths)
-        return [Recording(path.parent.name, path, clip) for path, clip in clips]
+        seen = ((p, read_poses(p, ReadOptions(quality=quality), rate=rate)) for p in paths)
+        return [Recording(p.parent.name, p, clip_of(poses, p, whole=False)) for p, poses in seen]
 
     print("| quality | poses/s | nearest right | accepted right | unknown rejected | AUROC | n |")
     print("| --- | --- | --- | --- | --- | --- | --- |")

@@ -10,7 +10,8 @@ from actioncli._version import __version__
 from actioncli.archives.processes import ProcessKilledError, cores, in_processes
 from actioncli.archives.results import Results, Row, file_named, storable
 from actioncli.errors import ActionCliError, ClipError
-from actioncli.pose.read import ReadOptions, read_any
+from actioncli.pose import ReadOptions
+from actioncli.pose.read import read_any
 from actioncli.recognition.support import SupportSet
 
 # Files whose names are in memory at once.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.live.background import Background
     from actioncli.live.watching import Stream
-    from actioncli.pose.read import ReadOptions
+    from actioncli.pose import ReadOptions
     from actioncli.recognition.recognizer import Recognizer
 
 # Minutes of what has no end.

@@ -57,7 +57,7 @@ def cameras(
       cameras[].error: type, message, exit_code
     """
     from actioncli.pose.camera import cameras as of_this_machine
-    from actioncli.pose.camera import still
+    from actioncli.pose.camera import jpeg, still
 
     if stills is not None and not stills.is_dir():
         raise UsageError(f"{stills}: there is no such folder; make it first.")
@@ -76,7 +76,8 @@ def cameras(
             height, width = image.shape[:2]
             file = None if stills is None else stills / f"still_{number}.jpg"
             if file is not None:
-                _write(image, file)
+                with replacing(file, private=True, failure=UsageError) as part:
+                    part.write_bytes(jpeg(image))
             entry |= {"width": width, "height": height, "still": file and str(file)}
             if not settings.json:
                 called = "" if sources else f"{source}  "
@@ -89,21 +90,6 @@ def cameras(
         settings.tell("note: no camera was found; `watch` also takes an address or a video.")
     if failed and sources:
         raise typer.Exit(ClipError.exit_code)
-
-
-def _write(image: Image, file: Path) -> None:
-    """Write a picture.
-
-    Raises:
-        UsageError: it cannot be written.
-    """
-    import cv2
-
-    try:
-        with replacing(file, private=True) as part:
-            part.write_bytes(cv2.imencode(".jpg", image)[1].tobytes())
-    except OSError as error:
-        raise UsageError(f"{file}: cannot be written: {error.strerror}.") from error
 
 
 def _draw(settings: Settings, image: Image) -> None:

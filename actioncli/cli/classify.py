@@ -7,9 +7,8 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,14 +26,16 @@ from actioncli.cli.options import (
     WeightsOption,
 )
 from actioncli.cli.output import printable, progress, say, steps, table, write_json
-from actioncli.cli.reading import read_shown, report_bad_clip, sharing
-from actioncli.cli.video import check_annotation, read_annotated, write_annotation
+from actioncli.cli.reading import report_bad_clip, sharing
+from actioncli.cli.video import check_annotation, video_progress, write_annotation
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose.read import ReadOptions, find_any, is_video, read_any
+from actioncli.pose import ReadOptions
+from actioncli.pose.read import find_any, is_video, read_with_poses
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
     from actioncli.live.events import Event
+    from actioncli.pose.poses import Poses
     from actioncli.recognition.decision import Decision
     from actioncli.recognition.support import SupportSet
 
@@ -131,22 +132,13 @@ def classify(
     with settings.open_store() as store:
         support = load_support(settings, store, recognizer, tau)
 
+    # Clip and poses that were read last, of which pictures are made: a video is looked at once.
     kept: list[Any] = []
-
-    def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
-        """Read a clip, and keep what is drawn of it: a video is looked at once."""
-        if annotate is None:
-            kept[:] = read_shown(path, options, shown), None
-        else:
-            kept[:] = read_annotated(path, options, shown)
-        clip: Clip = kept[0]
-        return clip
-
     entries: list[dict[str, object]] = []
     failed = rejected = 0
     names, width = short_names(paths), verdict_width(support.actions)
     with notes_of(settings, names) as add_notes:
-        decided = _decided(settings, paths, options, read, support)
+        decided = _decided(settings, paths, options, kept, support)
         for path, decision, events, milliseconds in decided:
             if isinstance(decision, ClipError):
                 failed += 1
@@ -189,16 +181,20 @@ def _decided(
     settings: Settings,
     paths: Sequence[Path],
     options: ReadOptions,
-    read: Callable[[Path, ReadOptions, bool], Clip],
+    kept: list[Any],
     support: SupportSet,
 ) -> Iterator[tuple[Path, Decision | ClipError, list[Event], float]]:
     """Read and decide, many files of joints at a time, in as many processes as there are cores.
+
+    Args:
+        kept: gets the clip and the poses of a file that is read here, and not in a process.
 
     Returns:
         Path, decision or what is wrong, what is done in a long clip, and its share of the time,
         milliseconds.
     """
     from actioncli.live.watching import events_in
+    from actioncli.pose.video import clip_of
 
     videos = any(map(is_video, paths))
     processes = sharing(paths, options) if videos else cores()
@@ -208,11 +204,14 @@ def _decided(
     one_by_one = videos and processes == 1
     shown = not settings.quiet and (settings.json or not sys.stdout.isatty())
 
-    def clip_of(path: Path) -> Clip | ClipError:
+    def read(path: Path) -> tuple[Clip | ClipError, Poses | None]:
+        shown = one_by_one and not settings.quiet
         try:
-            return read(path, options, one_by_one and not settings.quiet)
+            with video_progress(path, shown=shown and is_video(path)) as report:
+                kept[:] = read_with_poses(path, options, report)
         except ClipError as unusable:
-            return unusable
+            return unusable, None
+        return kept[0], kept[1]
 
     def decide(clips: list[Clip]) -> list[Decision | ClipError]:
         try:
@@ -226,20 +225,19 @@ def _decided(
             # One of them lacks joints, and the others are not to suffer for it.
             return [decision for clip in clips for decision in decide([clip])]
 
-    def all_in(path: Path, clip: Clip | ClipError) -> list[Event]:
+    def all_in(path: Path, clip: Clip | ClipError, poses: Poses | None) -> list[Event]:
         if options.whole or isinstance(clip, ClipError):
             return []
-        # Of a video, a clip is the part that shows one repetition; its poses are kept.
-        if is_video(path) and options.cache and options.metrabs is None:
-            clip = read_any(path, replace(options, start=0.0))
-        return events_in(clip, support)
+        # Of a video, a clip is the part that shows one repetition.
+        return events_in(clip if poses is None else clip_of(poses, path, whole=True), support)
 
     def of_batch(number: int) -> tuple[list[Decision | ClipError], list[list[Event]], float]:
         begun = time.perf_counter()
-        clips = [clip_of(path) for path in batches[number]]
+        found = [read(path) for path in batches[number]]
+        clips = [clip for clip, _ in found]
         decisions = iter(decide([clip for clip in clips if not isinstance(clip, ClipError)]))
         outcomes = [clip if isinstance(clip, ClipError) else next(decisions) for clip in clips]
-        events = [*map(all_in, batches[number], clips)]
+        events = [all_in(path, *one) for path, one in zip(batches[number], found, strict=True)]
         return outcomes, events, (time.perf_counter() - begun) * 1e3 / len(outcomes)
 
     results = in_processes(of_batch, len(batches), processes, pinned=videos)

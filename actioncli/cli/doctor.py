@@ -160,29 +160,27 @@ def _settings() -> Check:
 
 
 def _packages() -> Iterator[Check]:
+    # Reads the list of files of everything that is installed: once is long enough.
+    distributions = metadata.packages_distributions()
     for needed, packages in ((True, _NEEDED), (False, _OPTIONAL)):
         for module, package, purpose in packages:
             if util.find_spec(module) is None:
                 status = "problem" if needed else "missing"
                 yield Check(package, status, f"not installed; for {purpose}", EXIT_INCOMPLETE)
             else:
-                yield Check(package, "ok", _version_of(module))
-
-
-def _version_of(module: str) -> str:
-    # The same module can come from several packages, as cv2 does.
-    names = sorted(set(metadata.packages_distributions().get(module, ())))
-    return ", ".join(f"{name} {metadata.version(name)}" for name in names) or "version unknown"
+                # The same module can come from several packages, as cv2 does.
+                names = sorted(set(distributions.get(module, ())))
+                versions = ", ".join(f"{name} {metadata.version(name)}" for name in names)
+                yield Check(package, "ok", versions or "version unknown")
 
 
 def _shipped_files() -> Iterator[Check]:
-    from actioncli.files import weights_folder
+    from actioncli.files import shipped_checksums, weights_folder
 
     folder = weights_folder()
     again = "install actioncli again"
     try:
-        listed = (folder / "SHA256SUMS").read_text("ascii").splitlines()
-        sums = {name: digest for digest, name in (line.split(maxsplit=1) for line in listed)}
+        sums = shipped_checksums()
     except (OSError, ValueError) as error:
         yield Check("shipped files", "problem", f"{error}; {again}", EXIT_INCOMPLETE)
         return

@@ -69,15 +69,15 @@ def extract(
     """
     from actioncli.clips.read import find_clips
     from actioncli.clips.write import write_clip
-    from actioncli.pose import VIDEO_SUFFIXES
-    from actioncli.pose.read import ReadOptions, read_person
+    from actioncli.pose import VIDEO_SUFFIXES, ReadOptions
+    from actioncli.pose.read import read_person
 
     paths = find_clips(videos, tuple(VIDEO_SUFFIXES))
     targets = _targets(paths, output, format, force)
 
     def read(path: Path, options: ReadOptions, shown: bool) -> Clip:
         with video_progress(path, shown=shown) as progress:
-            return read_person(path, options, progress)
+            return read_person(path, options, progress)[0]
 
     entries: list[dict[str, object]] = []
     failed = 0

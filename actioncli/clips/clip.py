@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from actioncli.clips.drawing import strip
 from actioncli.clips.gaps import filled
 from actioncli.clips.skeleton import FloatArray as FloatArray
 from actioncli.errors import ClipError
@@ -135,6 +134,8 @@ class Clip:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the skeleton at some moments, or the line of `repr`."""
+        from actioncli.clips.drawing import strip
+
         source = self.source if len(self.source) <= 30 else f"…{self.source[-29:]}"
         caption = f"{len(self)} frames, {self.duration:.1f} s, {source}".rstrip(", ")
         picture = strip(self.filled(), self.joint_names, caption)

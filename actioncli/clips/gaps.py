@@ -40,23 +40,39 @@ def missing_joints(positions: FloatArray, zeros_are_gaps: bool = True) -> BoolAr
     return missing
 
 
+def interpolated(
+    joints: FloatArray, gone: BoolArray, longest: float
+) -> tuple[FloatArray, BoolArray]:
+    """Joints (T, J, 3) with those that are `gone` (T, J) on a line in time between the frames
+    around them, at the ends where the nearest frame has them; and which of them are in a gap of
+    more than `longest` frames. A joint that is never there keeps its place, and is such a gap."""
+    joints, lost = np.array(joints, np.float32), np.zeros_like(gone)
+    frames = np.arange(len(joints))
+    for joint in np.flatnonzero(gone.any(axis=0)):
+        gap = gone[:, joint]
+        if gap.all():
+            lost[:, joint] = True
+            continue
+        edges = np.flatnonzero(np.diff(gap, prepend=False, append=False))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            lost[begin:end, joint] = end - begin > longest
+        seen, wanted = frames[~gap], frames[gap]
+        at = np.searchsorted(seen, wanted)
+        before, after = seen[(at - 1).clip(0)], seen[at.clip(max=len(seen) - 1)]
+        share = ((wanted - before) / np.maximum(after - before, 1)).clip(0, 1)
+        share = share[:, None].astype(np.float32)
+        joints[gap, joint] = joints[before, joint] * (1 - share) + joints[after, joint] * share
+    return joints, lost
+
+
 def filled(joints: FloatArray) -> FloatArray:
     """Joints (T, J, 3) with a place for what is NaN: on a line between the frames around it, at
     the ends the nearest frame's; a joint that is never there stands in the middle of the others."""
-    joints, frames = joints.copy(), np.arange(len(joints))
     gone: BoolArray = np.isnan(joints[..., 0])
     nobody: BoolArray = np.all(gone, axis=1)
-    seen = np.where(nobody[:, None, None], 0, joints)
-    middle: NDArray[np.float64] = np.asarray(np.nanmean(seen, axis=1, dtype=np.float64))
-    for joint in np.flatnonzero(gone.any(axis=0)):
-        lost = gone[:, joint]
-        for axis in range(3):
-            line = joints[:, joint, axis]
-            line[lost] = (
-                middle[lost, axis]
-                if lost.all()
-                else np.interp(frames[lost], frames[~lost], line[~lost])
-            )
+    middle = np.nanmean(np.where(nobody[:, None, None], 0, joints), axis=1, dtype=np.float64)
+    joints, _ = interpolated(joints, gone, np.inf)
+    joints[:, np.all(gone, axis=0)] = np.asarray(middle)[:, None]
     return joints
 
 
@@ -124,7 +140,8 @@ def fill_gaps(
         names = tuple(compress(names, ~unseen))
     missing[:, _roots(positions, names)] = False
     if missing.any():
-        positions, lost = _interpolate(positions, missing, LONGEST_GAP * fps)
+        positions, lost = interpolated(positions, missing, LONGEST_GAP * fps)
+        positions[lost] = np.nan
         if confidence is None and lost.any():
             confidence = np.ones(missing.shape, np.float32)
         if confidence is not None:
@@ -178,23 +195,3 @@ def _check_enough(
         f"{', '.join(figures) or 'all now and then'}; record the action again with shoulders or "
         "hips, and an arm or a leg, in view."
     )
-
-
-def _interpolate(
-    positions: FloatArray, missing: BoolArray, longest: float
-) -> tuple[FloatArray, BoolArray]:
-    """Positions with the gaps of up to `longest` frames filled and NaN in longer ones, and which
-    joints (T, J) are in these."""
-    filled, lost = np.array(positions, dtype=np.float32), np.zeros_like(missing)
-    frames = np.arange(len(filled))
-    for joint in np.flatnonzero(missing.any(axis=0)):
-        gap = missing[:, joint]
-        edges = np.flatnonzero(np.diff(gap, prepend=False, append=False))
-        for begin, end in edges.reshape(-1, 2).tolist():
-            lost[begin:end, joint] = end - begin > longest
-        for axis in range(3):
-            line = filled[:, joint, axis]
-            if not gap.all():
-                line[gap] = np.interp(frames[gap], frames[~gap], line[~gap])
-            line[lost[:, joint]] = np.nan
-    return filled, lost

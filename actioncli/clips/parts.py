@@ -1,7 +1,8 @@
 """Body parts over time: the bones that the part transformer reads, and which parts were seen.
 
-What was not seen gives no numbers: joints below `UNSEEN` are interpolated over short gaps, and
-beyond them take a place that follows from the joints that were seen.
+Limbs that the sensor took for each other are put back. What was not seen gives no numbers: joints
+below `UNSEEN` are interpolated over short gaps, and beyond them take a place that follows from the
+joints that were seen.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.gaps import LONGEST_GAP
+from actioncli.clips.gaps import LONGEST_GAP, interpolated
 from actioncli.clips.prepare import Preparation, frames_at, sample_places
 from actioncli.clips.skeleton import (
     BONES,
@@ -29,6 +30,7 @@ from actioncli.clips.skeleton import (
     turn_to_front,
     unit,
 )
+from actioncli.clips.swaps import limb_swaps
 
 PARTS = ("torso", "left arm", "right arm", "left leg", "right leg", "left hand", "right hand")
 # Confidence below which a joint counts as not seen. Legs under a desk have at most 0.05; of
@@ -104,6 +106,9 @@ def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
         for name, at in zip(wanted, there, strict=True):
             group = list(columns[name])
             unseen[:, at] = clip.confidence[:, group].min(axis=1) < UNSEEN
+    swaps = limb_swaps(body)
+    body = np.take_along_axis(body, swaps[..., None], axis=1)
+    unseen = np.take_along_axis(unseen, swaps, axis=1)
     lost = np.zeros_like(unseen)
     if unseen.any():
         body, lost = _without_unseen(body, unseen, clip.fps)
@@ -122,8 +127,9 @@ def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
         if clip.confidence is not None:
             none = clip.confidence[:, group].min(axis=1) < UNSEEN
         if not none.all():
-            hand, gone = _interpolated(joints[:, group], none, clip.fps)
-            hands[:, 21 * side : 21 * side + 21], missing[:, 5 + side] = hand, gone
+            gone = np.repeat(none[:, None], 21, axis=1)
+            hand, lost = interpolated(joints[:, group], gone, LONGEST_GAP * clip.fps)
+            hands[:, 21 * side : 21 * side + 21], missing[:, 5 + side] = hand, lost[:, 0]
     return body, hands, missing
 
 
@@ -137,8 +143,8 @@ def _without_unseen(
         at = [_JOINT[name] for name in names]
         none: BoolArray = np.any(unseen[:, at], axis=1)
         if none.mean() <= 0.5:
-            body[:, at], gone = _interpolated(body[:, at], none, fps)
-            lost[:, at] = gone[:, None]
+            gone = np.repeat(none[:, None], len(at), axis=1)
+            body[:, at], lost[:, at] = interpolated(body[:, at], gone, LONGEST_GAP * fps)
         elif names[0] == "lsho":
             left, right = body[:, _JOINT["lhip"]], body[:, _JOINT["rhip"]]
             wide = np.median(np.linalg.norm(left - right, axis=-1))
@@ -158,30 +164,9 @@ def _without_unseen(
     for limb in LIMBS.values():
         root, *outer = (_JOINT[name] for name in limb)
         for before, joint in zip((root, *outer), outer, strict=False):
-            none = unseen[:, joint]
+            none, at = unseen[:, [joint]], [joint]
             if none.mean() <= 0.5:
-                filled, gone = _interpolated(body[:, joint], none, fps)
-                body[:, joint], lost[:, joint] = filled, gone
+                body[:, at], lost[:, at] = interpolated(body[:, at], none, LONGEST_GAP * fps)
             else:
                 body[:, joint], lost[:, joint] = body[:, before] + down, True
     return body, lost
-
-
-def _interpolated(joints: FloatArray, none: BoolArray, fps: float) -> tuple[FloatArray, BoolArray]:
-    """Joints (T, ..., 3), linear in time over frames with `none` (T,) of them, and which of these
-    frames belong to gaps longer than `LONGEST_GAP`."""
-    if not none.any():
-        return joints, none
-    frames, seen = np.arange(len(none)), np.flatnonzero(~none)
-    after = np.searchsorted(seen, frames)
-    before = seen[np.maximum(np.searchsorted(seen, frames, side="right") - 1, 0)]
-    after = seen[np.minimum(after, len(seen) - 1)]
-    share = np.clip((frames - before) / np.maximum(after - before, 1), 0, 1)
-    share = share.reshape(-1, *[1] * (joints.ndim - 1)).astype(np.float32)
-    filled = joints[before] * (1 - share) + joints[after] * share
-    # At an end of the clip the gap is what lies between it and the first frame seen.
-    gap = np.where(before < after, after - before - 1, np.abs(frames - before))
-    gap = np.where(
-        frames < seen[0], seen[0], np.where(frames > seen[-1], frames[-1] - seen[-1], gap)
-    )
-    return filled, none & (gap / fps > LONGEST_GAP)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 
-from actioncli.clips.active import action_in
-from actioncli.clips.clip import Clip, FloatArray
-from actioncli.clips.edit import cut, resample
+from actioncli.clips.clip import FloatArray
 from actioncli.clips.skeleton import LAYOUTS
-from actioncli.errors import ClipError, WeightsError
-from actioncli.pose.frames import VideoFile
-from actioncli.pose.poses import LONGEST_GAP
-from actioncli.pose.video import LEAST_PRESENT, SAMPLING_RATE, Progress
+from actioncli.errors import WeightsError
+from actioncli.pose.detector import Detection
+from actioncli.pose.landmarks import Body
+from actioncli.pose.region import Image, Region
+from actioncli.pose.tracker import SAME_PERSON, Tracker
 
 TERMS = "the weights of MeTRAbs are for non-commercial use only"
 SKELETON = "smpl+head_30"
 # The PyTorch release names the joints of all skeletons in one list, SMPL's with this ending.
 _SMPL_ENDING = "_smpl"
 _FIELD_OF_VIEW = 55  # degrees; of an ordinary camera, as the file tells none
-# A pose nearer than this (metres, mean of the joints) to a person's last one is that person's.
-_SAME_PERSON = 0.6
-_TO_CLIP = np.array([-1, -1, 1]) / 1000  # camera axes in millimetres to a clip's in metres
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +46,51 @@ class PoseModel:
     joint_names: tuple[str, ...]
     detect: Callable[[NDArray[np.uint8]], FloatArray]
 
-
-@dataclass(eq=False)
-class _Person:
-    times: list[float] = field(default_factory=list)
-    poses: list[FloatArray] = field(default_factory=list)
-
-    def motion(self) -> float:
-        steps = np.diff(np.stack(self.poses), axis=0) if len(self.poses) > 1 else np.zeros(1)
-        return float(np.abs(steps).sum())
+    def tracker(self) -> Tracker:
+        """What follows people through a video by this model."""
+        seen = _Seen(self.detect)
+        return Tracker(seen.people, seen.body, names=self.joint_names, notes=(TERMS,))
 
 
+class _Seen:
+    """All bodies in a picture at once, for a `Tracker`, which asks who is there and then for the
+    body in a region: squares of the plane before the camera, millimetres, stand for regions."""
+
+    def __init__(self, detect: Callable[[NDArray[np.uint8]], FloatArray]) -> None:
+        self._detect = detect
+        self._image: Image | None = None
+        self._bodies: list[Body] = []
+
+    def people(self, image: Image) -> list[Detection]:
+        """Everybody."""
+        return [Detection(1.0, Region.around(*body.ends)) for body in self._look(image)]
+
+    def body(self, image: Image, region: Region) -> Body:
+        """The body nearest to a region; if that is another one, it has no presence."""
+        bodies = self._look(image) or [_body(np.zeros((1, 3), np.float32))]
+        away = [Region.around(*body.ends).distance(region) for body in bodies]
+        nearest = int(np.argmin(away))
+        near = self._bodies and away[nearest] < SAME_PERSON
+        return replace(bodies[nearest], presence=float(bool(near)))
+
+    def _look(self, image: Image) -> list[Body]:
+        if image is not self._image:
+            self._image = image
+            poses = self._detect(np.ascontiguousarray(image[:, :, ::-1]))
+            self._bodies = [_body(np.asarray(pose, np.float32)) for pose in poses]
+        return self._bodies
+
+
+def _body(pose: FloatArray) -> Body:
+    """A pose (J, 3), millimetres in camera axes."""
+    points = pose[:, :2]
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    above = middle - (0, max(float(np.ptp(points, axis=0).max()), 1.0) / 2)
+    ends = np.stack([middle, above]).astype(np.float32)
+    return Body(1.0, points, np.ones(len(pose), np.float32), pose / np.float32(1000), ends)
+
+
+@lru_cache(1)
 def load_model(path: Path) -> PoseModel:
     """Load either release.
 
@@ -83,102 +114,6 @@ def load_model(path: Path) -> PoseModel:
         "saved_model.pb (TensorFlow), or the one with joint_info.npz and the network made "
         "into ckpt.safetensors (PyTorch)."
     )
-
-
-def read_metrabs_clip(
-    path: str | Path,
-    model: PoseModel,
-    start: float | None = None,
-    end: float | None = None,
-    person: int | None = None,
-    progress: Callable[[Progress], None] | None = None,
-) -> Clip:
-    """Read the skeleton of one person from a video; arguments as in `read_video_clip`.
-
-    Returns:
-        A clip in the model's own layout, without confidence.
-
-    Raises:
-        ClipError: not a video, or no person in most of its frames.
-    """
-    file = Path(path)
-    video = VideoFile(file)
-    begin, stop = start or 0.0, np.inf if end is None else end
-    people: list[_Person] = []
-    looked: list[float] = []
-    for frame in video.frames(begin, stop, SAMPLING_RATE):
-        looked.append(frame.time)
-        _assign(people, model.detect(np.ascontiguousarray(frame.image[:, :, ::-1])), frame.time)
-        if progress is not None:
-            seconds = frame.time - begin
-            total = max(min(stop, video.duration) - begin, seconds)
-            progress(Progress(len(looked), seconds, total))
-    chosen, notes = _choose(people, person, file)
-    if len(looked) < 2 or len(chosen.times) < max(2, LEAST_PRESENT * len(looked)):
-        raise ClipError(
-            f"{file}: a person was found in {len(chosen.times)} of {len(looked)} frames; most "
-            "must show one. Narrow the time down with --start and --end."
-        )
-    if shortfall := video.shortfall():
-        notes.append(shortfall)
-    clip = _clip(chosen, model.joint_names, looked, file, notes)
-    if start is not None or end is not None:
-        return clip
-    first, last, repetitions = action_in(clip)
-    part = cut(clip, first, last)
-    if len(part) == len(clip):
-        return clip
-    offset = chosen.times[0]
-    used = f"used {first + offset:.1f} s to {last + offset:.1f} s"
-    if repetitions > 1:
-        used += f", one of about {repetitions} repetitions"
-    told = [*part.notes, used]
-    return Clip(part.joints, part.joint_names, part.fps, None, part.source, told, part.start)
-
-
-def _assign(people: list[_Person], poses: FloatArray, time: float) -> None:
-    """Give each pose of a frame to the person whose last pose is nearest, or to a new one."""
-    free = list(people)
-    for pose in poses * _TO_CLIP:
-        away = [float(np.linalg.norm(pose - p.poses[-1], axis=1).mean()) for p in free]
-        nearest = int(np.argmin(away)) if away else -1
-        alone = len(poses) == 1 and len(people) == 1
-        if nearest >= 0 and (away[nearest] < _SAME_PERSON or alone):
-            person = free.pop(nearest)
-        else:
-            person = _Person()
-            people.append(person)
-        person.times.append(time)
-        person.poses.append(np.asarray(pose, np.float32))
-
-
-def _choose(people: list[_Person], person: int | None, file: Path) -> tuple[_Person, list[str]]:
-    longest = max((len(p.times) for p in people), default=0)
-    if not longest:
-        raise ClipError(f"{file}: no person was found in any frame.")
-    # From the left of the picture, where clips have the larger x.
-    known = sorted(
-        (p for p in people if len(p.times) >= 0.3 * longest), key=lambda p: -p.poses[0][:, 0].mean()
-    )
-    if person is not None and not 1 <= person <= len(known):
-        raise ClipError(f"{file}: there is no person {person}; {len(known)} can be followed.")
-    chosen = max(known, key=_Person.motion) if person is None else known[person - 1]
-    number = known.index(chosen) + 1
-    told = f"followed person {number} of {len(known)} from the left"
-    return chosen, [told] if len(known) > 1 else []
-
-
-def _clip(
-    person: _Person, names: tuple[str, ...], looked: list[float], file: Path, notes: list[str]
-) -> Clip:
-    times = np.array(person.times)
-    step = (looked[-1] - looked[0]) / (len(looked) - 1)
-    even = np.arange(times[0], times[-1] + step / 2, step).clip(max=times[-1])
-    gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP)
-    lost = [f"nobody was seen from {times[g]:.1f} s to {times[g + 1]:.1f} s" for g in gaps]
-    joints = resample(np.stack(person.poses), times, even)
-    told = [*notes, *lost, TERMS]
-    return Clip(joints, names, 1 / step, None, str(file), told, float(times[0]))
 
 
 def _load_tensorflow(path: Path) -> PoseModel:

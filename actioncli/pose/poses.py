@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class Poses:
         frames: (N,) times of all frames that were looked at.
         size: width and height of the image.
         notes: what happened on the way, for people.
+        names: of the joints; those of another estimator than BlazePose are taken as they are.
     """
 
     times: NDArray[np.float64]
@@ -46,6 +47,7 @@ class Poses:
     frames: NDArray[np.float64]
     size: tuple[int, int]
     notes: tuple[str, ...] = ()
+    names: tuple[str, ...] = ALL_NAMES
 
     @classmethod
     def of(
@@ -69,14 +71,13 @@ class Poses:
         """The part from `start` to `end`, seconds."""
         kept = (self.times >= start) & (self.times <= end)
         looked = self.frames[(self.frames >= start) & (self.frames <= end)]
-        return Poses(
-            self.times[kept],
-            self.world[kept],
-            self.visibility[kept],
-            self.points[kept],
-            looked,
-            self.size,
-            self.notes,
+        return replace(
+            self,
+            times=self.times[kept],
+            world=self.world[kept],
+            visibility=self.visibility[kept],
+            points=self.points[kept],
+            frames=looked,
         )
 
     def gaps(self) -> list[tuple[float, float]]:
@@ -85,8 +86,8 @@ class Poses:
         return [(float(self.times[i]), float(self.times[i + 1])) for i in steps]
 
     def to_clip(self, source: str, notes: Sequence[str] = ()) -> Clip:
-        """The skeleton as a clip in layout `blazepose_33`, or `holistic_75` where a hand was seen,
-        at a constant frame rate.
+        """The skeleton as a clip at a constant frame rate; of BlazePose in layout `blazepose_33`,
+        or `holistic_75` where a hand was seen.
 
         Sides are settled, positions smoothed as the reference does, and brought from the frames'
         own times to even ones; in between frames that lack the person, confidence is 0.
@@ -99,39 +100,51 @@ class Poses:
                 f"{source}: a person is in {len(self.times)} of {len(self.frames)} frames; "
                 "an action needs a sequence of them."
             )
-        world, visibility, changed = settle_sides(self.world, self.visibility)
         notes = [*self.notes, *notes]
-        if changed.any():
-            frames = f"{changed.sum()} of {len(changed)} frames"
-            notes.append(f"left and right were mixed up in {frames}, and put right")
         step = float(self.frames[-1] - self.frames[0]) / (len(self.frames) - 1)
         # Half a step of tolerance: the last frame counts even if its time is rounded.
         even = np.arange(self.times[0], self.times[-1] + step / 2, step)
         even = even.clip(max=self.times[-1])
-        joints = resample(_smoothed(world[:, :LANDMARK_COUNT], self.times), self.times, even)
-        confidence = resample(visibility, self.times, even)
-        if not visibility[:, LANDMARK_COUNT:].any():
-            confidence = confidence[:, :LANDMARK_COUNT]
+        if self.names is ALL_NAMES:
+            joints, confidence, changed = self._settled(even)
+            if changed.any():
+                frames = f"{changed.sum()} of {len(changed)} frames"
+                notes.append(f"left and right were mixed up in {frames}, and put right")
         else:
-            hands = [
-                joints[:, [wrist]]
-                + _hand(world[:, own], visibility[:, own.start] > 0, self.times, even)
-                for (wrist, *_), own in SIDES
-            ]
-            joints = np.concatenate([joints, *hands], axis=1)
-            confidence[np.isnan(joints[..., 0])] = 0
+            joints = resample(self.world, self.times, even)
+            confidence = resample(self.visibility, self.times, even)
         for lost, found in self.gaps():
             confidence[(even > lost) & (even < found)] = 0
             notes.append(f"nobody was seen from {lost:.1f} s to {found:.1f} s")
+        sure = self.names is not ALL_NAMES and not self.gaps()
         return Clip(
             joints * _TO_CLIP,
-            ALL_NAMES[: joints.shape[1]],
+            self.names[: joints.shape[1]],
             fps=1 / step,
-            confidence=confidence.clip(0, 1),
+            confidence=None if sure else confidence.clip(0, 1),
             source=source,
             notes=notes,
             start=float(self.times[0]),
         )
+
+    def _settled(
+        self, even: NDArray[np.float64]
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """What BlazePose saw, at even times: joints and confidence; and which frames had left and
+        right exchanged."""
+        world, visibility, changed = settle_sides(self.world, self.visibility)
+        joints = resample(_smoothed(world[:, :LANDMARK_COUNT], self.times), self.times, even)
+        confidence = resample(visibility, self.times, even)
+        if not visibility[:, LANDMARK_COUNT:].any():
+            return joints, confidence[:, :LANDMARK_COUNT], changed
+        hands = [
+            joints[:, [wrist]]
+            + _hand(world[:, own], visibility[:, own.start] > 0, self.times, even)
+            for (wrist, *_), own in SIDES
+        ]
+        joints = np.concatenate([joints, *hands], axis=1)
+        confidence[np.isnan(joints[..., 0])] = 0
+        return joints, confidence, changed
 
 
 def _hand(

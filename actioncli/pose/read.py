@@ -5,45 +5,16 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose import VIDEO_SUFFIXES, without_password
+from actioncli.pose import VIDEO_SUFFIXES, ReadOptions, without_password
 
 if TYPE_CHECKING:
     from actioncli.clips.clip import Clip
-    from actioncli.pose.metrabs import PoseModel
+    from actioncli.pose.poses import Poses
     from actioncli.pose.video import Progress
-
-
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
-    """What files leave open.
-
-    Attributes:
-        layout, fps, unit, up: of files of joints, see `read_clip`.
-        start, end, quality, person, cache, hands: of videos, see `read_video_clip`.
-        metrabs: looks at videos instead of BlazePose.
-    """
-
-    layout: str | None = None
-    fps: float | None = None
-    unit: str | float | None = None
-    up: str | None = None
-    start: float | None = None
-    end: float | None = None
-    quality: str | None = None
-    person: int | None = None
-    cache: bool = True
-    hands: bool | None = None
-    metrabs: PoseModel | None = None
-
-    @property
-    def whole(self) -> bool:
-        """Whether the part of a video that is the action is named, and not looked for."""
-        return self.start is not None or self.end is not None
 
 
 def find_any(paths: Iterable[str | Path]) -> list[Path]:
@@ -119,8 +90,17 @@ def read_any(
 
     Raises:
         UsageError: an option that would change nothing, such as `fps` for a video.
-        ClipError: see the two functions.
+        ClipError: see `read_clip`.
     """
+    return read_with_poses(path, options, progress)[0]
+
+
+def read_with_poses(
+    path: str | Path,
+    options: ReadOptions | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> tuple[Clip, Poses | None]:
+    """As `read_any`; and of a video the poses that were seen, of which the clip may be a part."""
     from actioncli.clips.checks import noted
     from actioncli.clips.read import CLIP_SUFFIXES, CONVERTERS
     from actioncli.clips.read import read_clip as read_joints
@@ -134,7 +114,8 @@ def read_any(
             kind = "a video" if video else "a file of joints"
             raise UsageError(f"{path}: --{name} means nothing for {kind}.")
     if video:
-        return noted(read_person(file, options, progress))
+        clip, poses = read_person(file, options, progress)
+        return noted(clip), poses
     converted = file.suffix.lower() in CONVERTERS
     if file.suffix.lower() not in CLIP_SUFFIXES and not converted and os.path.lexists(file):
         wrong = "is a folder and holds none" if file.is_dir() else "has a name of neither kind"
@@ -142,29 +123,22 @@ def read_any(
             f"{file}: {wrong}; clips end in {', '.join(CLIP_SUFFIXES)}, videos in "
             f"{', '.join(sorted(VIDEO_SUFFIXES))}."
         )
-    return noted(read_joints(file, options.layout, options.fps, options.unit, options.up))
+    return noted(read_joints(file, options.layout, options.fps, options.unit, options.up)), None
 
 
 def read_person(
     path: Path, options: ReadOptions, progress: Callable[[Progress], None] | None = None
-) -> Clip:
-    """Read a person's clip from a video, whatever its name.
+) -> tuple[Clip, Poses]:
+    """Read a person's clip from a video, whatever its name, and the poses that were seen.
 
     Raises:
-        ClipError, UsageError, WeightsError: see `read_video_clip`.
+        ClipError, UsageError, WeightsError: see `read_clip`.
     """
+    from actioncli.pose.video import clip_of, read_poses
+
     _refuse_address(path)
-    part = options.start, options.end
-    if options.metrabs is not None:
-        from actioncli.pose.metrabs import read_metrabs_clip
-
-        return read_metrabs_clip(path, options.metrabs, *part, options.person, progress)
-    from actioncli.pose import video
-
-    quality = options.quality or video.DEFAULT_QUALITY
-    return video.read_video_clip(
-        path, *part, quality, options.person, options.cache, progress, hands=options.hands
-    )
+    poses = read_poses(path, options, progress)
+    return clip_of(poses, path, options.whole), poses
 
 
 def _refuse_address(path: Path) -> None:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from actioncli.pose.detector import Detection, PersonDetector
+from actioncli.pose.detector import Detection
 from actioncli.pose.hands import HandFinder, HandFollower
-from actioncli.pose.landmarks import Body, LandmarkEstimator
+from actioncli.pose.landmarks import Body
 from actioncli.pose.one_euro import OneEuro
 from actioncli.pose.region import Image, Region
-from actioncli.pose.sides import LIMBS
+from actioncli.pose.sides import ALL_NAMES, LIMBS
+
+# What finds people in a picture, and what sees the one in a region of it.
+Detect = Callable[[Image], list[Detection]]
+Estimate = Callable[[Image, Region], Body]
 
 LEAST_PRESENCE = 0.5
 MOST_PEOPLE = 4
@@ -54,7 +58,7 @@ class Track:
         self._last_region, self.region = self.region, None
 
     def step(
-        self, estimate: LandmarkEstimator, hands: HandFinder | None, image: Image, time: float
+        self, estimate: Estimate, hands: HandFinder | None, image: Image, time: float
     ) -> Body | None:
         """Take in a frame; None (and `region` None) if the person is lost."""
         assert self.region is not None, "resume() comes first"
@@ -77,8 +81,9 @@ class Track:
         last = self.region or self._last_region
         return region.distance(last) if last is not None else 0.0
 
-    def motion(self) -> float:
-        """How much the person moves: metres that a visible joint goes on average, in all.
+    def motion(self, joints: Sequence[int]) -> float:
+        """How much the person moves: metres that a visible one of these joints goes on average, in
+        all.
 
         Steps of at least 0.2 s are summed, so that trembling does not count as motion.
         """
@@ -87,7 +92,7 @@ class Track:
             if self.times[i] - self.times[last] >= 0.2:
                 seen = np.minimum(self.bodies[i].visibility, self.bodies[last].visibility)
                 steps = np.linalg.norm(self.bodies[i].world - self.bodies[last].world, axis=1)
-                total += float((seen * steps)[LIMBS].mean())
+                total += float((seen * steps)[joints].mean())
                 last = i
         return total
 
@@ -97,14 +102,18 @@ class Tracker:
 
     Attributes:
         tracks: the people seen so far, in order of appearance.
+        names: of the joints of their bodies.
+        notes: what to tell of all that is seen.
     """
 
     def __init__(
         self,
-        detect: PersonDetector,
-        estimate: LandmarkEstimator,
+        detect: Detect,
+        estimate: Estimate,
         most: int = MOST_PEOPLE,
         hands: HandFinder | None = None,
+        names: tuple[str, ...] = ALL_NAMES,
+        notes: tuple[str, ...] = (),
     ) -> None:
         """Begin without anybody.
 
@@ -113,6 +122,7 @@ class Tracker:
             hands: looks for their hands, too.
         """
         self.tracks: list[Track] = []
+        self.names, self.notes = names, notes
         self._detect, self._estimate, self._hands, self._most = detect, estimate, hands, most
         self._looked = -np.inf
 
@@ -137,6 +147,11 @@ class Tracker:
                     if track not in self.tracks:
                         self.tracks.append(track)
         return seen
+
+    @property
+    def limbs(self) -> list[int]:
+        """Columns of the joints whose motion tells people who do something from others."""
+        return LIMBS if self.names is ALL_NAMES else list(range(len(self.names)))
 
     def _should_look(self, seen: Sequence[Track], time: float) -> bool:
         if not seen:

@@ -12,6 +12,7 @@ import numpy as np
 from actioncli.clips.active import action_in
 from actioncli.clips.clip import Clip
 from actioncli.errors import ClipError, UsageError
+from actioncli.pose import ReadOptions
 from actioncli.pose import cache as pose_cache
 from actioncli.pose.detector import PersonDetector
 from actioncli.pose.frames import VideoFile
@@ -45,43 +46,6 @@ class Progress:
     total: float
 
 
-def read_video_clip(
-    path: str | Path,
-    start: float | None = None,
-    end: float | None = None,
-    quality: str = DEFAULT_QUALITY,
-    person: int | None = None,
-    cache: bool = True,
-    progress: Callable[[Progress], None] | None = None,
-    rate: float | None = SAMPLING_RATE,
-    hands: bool | None = None,
-) -> Clip:
-    """Read the skeleton of one person from a video.
-
-    Args:
-        start: seconds at which the action begins; None: found from the motion, as is `end`.
-        end: seconds at which it ends.
-        quality: "fast" (BlazePose full) or "accurate" (BlazePose heavy).
-        person: who is followed, 1 for the leftmost; None: whoever moves most.
-        cache: use and keep poses of the same content and settings.
-        progress: called now and then while frames are looked at.
-        rate: poses a second; None: every frame.
-        hands: look for hands; None: see `hands.hand_finder`.
-
-    Returns:
-        A clip in layout `holistic_75`, or `blazepose_33` without hands; confidence is visibility.
-        Its notes tell the part that was used, gaps, and whatever is doubtful.
-
-    Raises:
-        ClipError: not a video, no frames, or no person in most of them.
-        UsageError: options that make no sense.
-        WeightsError: a pose network is missing or damaged.
-    """
-    path = Path(path)
-    poses = read_poses(path, start, end, quality, person, cache, progress, rate, hands)
-    return clip_of(poses, path, whole=start is not None or end is not None)
-
-
 def clip_of(poses: Poses, path: Path, whole: bool) -> Clip:
     """The clip of what was seen, or (not `whole`) of the action in it; see `active.action_in`.
 
@@ -111,26 +75,35 @@ def clip_of(poses: Poses, path: Path, whole: bool) -> Clip:
 
 def read_poses(
     path: Path,
-    start: float | None = None,
-    end: float | None = None,
-    quality: str = DEFAULT_QUALITY,
-    person: int | None = None,
-    cache: bool = True,
+    options: ReadOptions | None = None,
     progress: Callable[[Progress], None] | None = None,
     rate: float | None = SAMPLING_RATE,
-    hands: bool | None = None,
 ) -> Poses:
-    """What `read_video_clip` makes its clip of; arguments and errors are the same."""
+    """What is seen of one person in a video.
+
+    Args:
+        options: those of videos; poses of the same content and options are kept with `cache`, but
+            for those of MeTRAbs.
+        progress: called now and then while frames are looked at.
+        rate: poses a second; None: every frame.
+
+    Raises:
+        ClipError: not a video, no frames, or no person in any.
+        UsageError: options that make no sense.
+        WeightsError: a pose network is missing or damaged.
+    """
+    options = options or ReadOptions()
+    quality, person, end = options.quality or DEFAULT_QUALITY, options.person, options.end
     if quality not in LANDMARKS:
         raise UsageError(f"quality must be {' or '.join(LANDMARKS)}, not {quality!r}.")
-    begin, stop = start or 0.0, math.inf if end is None else end
+    begin, stop = options.start or 0.0, math.inf if end is None else end
     if not 0 <= begin < stop:
         raise UsageError(f"--start ({begin:g} s) must be 0 or more and before --end ({stop:g} s).")
     if person is not None and person < 1:
         raise UsageError(f"--person counts from 1, {person} is nobody.")
-    video = VideoFile(path)
+    video, cached = VideoFile(path), options.cache and options.metrabs is None
     networks = [DETECTOR, LANDMARKS[quality]]
-    if hands is not False:
+    if options.hands is not False:
         networks += [HAND_CROP, HAND_LANDMARKS]
     settings = {
         "networks": [shipped_checksum(network) for network in networks],
@@ -139,28 +112,33 @@ def read_poses(
         "end": None if end is None else float(end),
         "person": person,
         "rate": None if rate is None else float(rate),
-        "hands": hands,
+        "hands": options.hands,
     }
-    key = pose_cache.cache_key(path, settings) if cache else ""
-    found = pose_cache.load(key) if cache else None
+    key = pose_cache.cache_key(path, settings) if cached else ""
+    found = pose_cache.load(key) if cached else None
     if found is None:
-        found = _estimate(video, begin, stop, quality, person, progress, rate, hands)
-        if cache:
+        if options.metrabs is not None:
+            from actioncli.pose.metrabs import load_model
+
+            tracker = load_model(options.metrabs).tracker()
+        else:
+            looks = PersonDetector(), LandmarkEstimator(quality)
+            tracker = Tracker(*looks, hands=hand_finder(options.hands))
+        found = _estimate(video, tracker, begin, stop, person, progress, rate)
+        if cached:
             pose_cache.keep(key, found)
     return found
 
 
 def _estimate(
     video: VideoFile,
+    tracker: Tracker,
     start: float,
     end: float,
-    quality: str,
     person: int | None,
     progress: Callable[[Progress], None] | None,
     rate: float | None,
-    hands: bool | None,
 ) -> Poses:
-    tracker = Tracker(PersonDetector(), LandmarkEstimator(quality), hands=hand_finder(hands))
     total = min(end, video.duration) - start
     times, size = [], (0, 0)
     for frame in video.frames(start, end, rate):
@@ -177,32 +155,32 @@ def _estimate(
             f"{video.path}: one frame; an action needs a moving sequence, not a picture."
         )
     shortfall = video.shortfall()
-    notes = [shortfall] if shortfall else []
+    notes = [*tracker.notes, *([shortfall] if shortfall else [])]
     if not tracker.tracks:
         raise ClipError(
             f"{video.path}: no person was found in any of {len(times)} frames. The whole body "
             "should be in view and upright in the picture."
         )
-    track, told = choose(tracker.tracks, person, str(video.path))
+    track, told = choose(tracker, person, str(video.path))
     poses = Poses.of(track.times, track.bodies, times, size)
-    return replace(poses, notes=(*notes, *told))
+    return replace(poses, names=tracker.names, notes=(*notes, *told))
 
 
-def choose(tracks: list[Track], person: int | None, source: str) -> tuple[Track, list[str]]:
+def choose(tracker: Tracker, person: int | None, source: str) -> tuple[Track, list[str]]:
     """The person to follow, and what to tell about it.
 
     Raises:
         ClipError: there is no person of that number.
     """
-    longest = max(len(track.times) for track in tracks)
-    people = [track for track in tracks if len(track.times) >= _LEAST_TRACK * longest]
+    longest = max(len(track.times) for track in tracker.tracks)
+    people = [track for track in tracker.tracks if len(track.times) >= _LEAST_TRACK * longest]
     people.sort(key=lambda track: float(track.bodies[0].points[:LANDMARK_COUNT, 0].mean()))
     if person is not None and person > len(people):
         raise ClipError(
             f"{source}: there is no person {person}; {len(people)} can be followed, "
             "counted from the left."
         )
-    motion = [track.motion() for track in people]
+    motion = [track.motion(tracker.limbs) for track in people]
     chosen = person - 1 if person is not None else int(np.argmax(motion))
     notes = []
     if len(people) > 1:

@@ -9,7 +9,7 @@ from unicodedata import east_asian_width
 import numpy as np
 
 from actioncli.clips.clip import FloatArray
-from actioncli.report.drawing import Drawing, Line, Oval, Shape, Text
+from actioncli.clips.drawing import Drawing, Line, Oval, Shape, Text
 from actioncli.report.figure import Figure, project
 
 # Poses in a strip: enough to see a movement, few enough to see each pose.

@@ -17,8 +17,7 @@ from actioncli.clips.active import one_repetition
 from actioncli.clips.skeleton import LAYOUTS
 from actioncli.errors import SupportError, UsageError
 from actioncli.files import examples_folder
-from actioncli.pose import without_password
-from actioncli.pose.read import ReadOptions
+from actioncli.pose import ReadOptions, without_password
 from actioncli.recognition.threshold import Threshold, keep_threshold, rename_action
 from actioncli.studio.live import live_endpoint, source_endpoint
 from actioncli.studio.measure import Measurement

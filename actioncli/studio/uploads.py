@@ -12,8 +12,8 @@ from pathlib import Path
 from actioncli.clips.clip import Clip
 from actioncli.clips.read import CLIP_SUFFIXES
 from actioncli.errors import ActionCliError, ClipError, SupportError
-from actioncli.pose import VIDEO_SUFFIXES
-from actioncli.pose.read import ReadOptions, read_any
+from actioncli.pose import VIDEO_SUFFIXES, ReadOptions
+from actioncli.pose.read import read_any
 from actioncli.pose.video import Progress
 from actioncli.recognition.recognizer import Recognizer
 from actioncli.store.names import file_name

@@ -1,7 +1,5 @@
 """What a worker makes of a file, of this machine or of a cluster."""
 
-from __future__ import annotations
-
 import os
 import signal
 from dataclasses import replace

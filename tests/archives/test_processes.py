@@ -1,7 +1,5 @@
 """Work shared by processes: in order, whole, and gone with whoever wanted it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

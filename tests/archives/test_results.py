@@ -1,7 +1,5 @@
 """Results that are kept while a run lasts, and go on from wherever it ended."""
 
-from __future__ import annotations
-
 import sqlite3
 import stat
 import tracemalloc

@@ -1,7 +1,5 @@
 """The threshold that enrolment chooses: when, how high, and never that of the user."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -39,10 +39,7 @@ def decision(*ranked: tuple[str, float], negative: float | None = None) -> Decis
             decision(("clap", 0.81), ("wave", 0.9)),
             ["closest to `clap`: confidence 0.81 > tau 0.50"],
         ),
-        (
-            decision(("clap", 0.1), ("wave", 0.9)),
-            [],
-        ),
+        (decision(("clap", 0.1), ("wave", 0.9)), []),
         (
             decision(("clap", 0.4996), ("wave", 0.9)),
             ["closest to `clap`: confidence 0.4996 <= tau 0.5000"],

@@ -1,10 +1,13 @@
-"""A support set of its own for each test, and two ways to run a command: in this process, or
-in one of its own."""
+"""A support set of its own for each test, and ways to run a command: in this process, in one of
+its own, or at a terminal."""
 
+import contextlib
 import json
+import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +28,33 @@ ACTIONS = {
     "kick": "kick_right/ada",
 }
 
-Invoke = Callable[..., Result]
-Ask = Callable[..., dict[str, Any]]
-Run = Callable[..., subprocess.CompletedProcess[str]]
-MakeClip = Callable[[int], Clip]
+
+def invoke(*arguments: object, typed: str | None = None) -> Result:
+    """Run a command in this process."""
+    result = CliRunner().invoke(app, [str(word) for word in arguments], input=typed)
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    return result
+
+
+def ask(*arguments: object) -> dict[str, Any]:
+    """The JSON document of a command."""
+    document: dict[str, Any] = json.loads(invoke(*arguments, "--json").stdout)
+    return document
+
+
+def run(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command in a process of its own."""
+    words = [sys.executable, "-m", "actioncli", *map(str, arguments)]
+    options: dict[str, Any] = {"stdin": subprocess.DEVNULL, "timeout": 120, **more}
+    if not options.keys() & {"stdout", "stderr"}:
+        options["capture_output"] = True
+    return subprocess.run(words, text=True, check=False, **options)
+
+
+def shaking(seed: int) -> Clip:
+    """Clips that differ by their seed, for what needs no recognition."""
+    joints = np.random.default_rng(seed).normal(size=(12, 15, 3))
+    return Clip(joints, LAYOUTS["default_15"], source=f"clip{seed}.npy")
 
 
 def write_collection(
@@ -51,6 +77,25 @@ def write_collection(
     )
 
 
+def at_terminal(
+    words: Sequence[str], *streams: str, typed: bytes = b"", **options: Any
+) -> tuple[subprocess.CompletedProcess[str], bytes]:
+    """Run a program some of whose streams are a terminal: how it ended, and what was shown."""
+    terminal, side = os.openpty()
+    os.write(terminal, typed)
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    pipes |= dict.fromkeys(streams, side)
+    shown = b""
+    with subprocess.Popen(words, text=True, **pipes, **options) as process:
+        os.close(side)
+        with contextlib.suppress(OSError):  # how Linux tells that the other side is closed
+            while part := os.read(terminal, 65536):
+                shown += part
+        os.close(terminal)
+        stdout, stderr = process.communicate()
+    return subprocess.CompletedProcess(words, process.returncode, stdout, stderr), shown
+
+
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of its own for the support set."""
@@ -60,63 +105,37 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def invoke() -> Invoke:
-    """Run a command in this process."""
-
-    def call(*arguments: object, typed: str | None = None) -> Result:
-        result = CliRunner().invoke(app, [str(word) for word in arguments], input=typed)
-        assert result.exception is None or isinstance(result.exception, SystemExit)
-        return result
-
-    return call
-
-
-@pytest.fixture
-def ask(invoke: Invoke) -> Ask:
-    """The JSON document of a command."""
-
-    def call(*arguments: object) -> dict[str, Any]:
-        document: dict[str, Any] = json.loads(invoke(*arguments, "--json").stdout)
-        return document
-
-    return call
-
-
-@pytest.fixture
-def run() -> Run:
-    """Run a command in a process of its own."""
-
-    def call(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
-        words = [sys.executable, "-m", "actioncli", *map(str, arguments)]
-        options: dict[str, Any] = {"stdin": subprocess.DEVNULL, "timeout": 120, **more}
-        if not options.keys() & {"stdout", "stderr"}:
-            options["capture_output"] = True
-        return subprocess.run(words, text=True, check=False, **options)
-
-    return call
-
-
-@pytest.fixture
 def store(home: Path) -> SupportStore:
     """The support set that commands use."""
     return SupportStore(home / "support.db")
 
 
+@pytest.fixture(scope="session")
+def five(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a support set with five actions of the examples."""
+    folder = tmp_path_factory.mktemp("five") / "home"
+    clips = [(label, read_clip(EXAMPLES / f"{name}.npz")) for label, name in ACTIONS.items()]
+    SupportStore(folder / "support.db").enroll_all(clips)
+    return folder
+
+
 @pytest.fixture
-def filled(store: SupportStore) -> SupportStore:
-    """The same, with five actions of the examples."""
-    store.enroll_all(
-        [(label, read_clip(EXAMPLES / f"{name}.npz")) for label, name in ACTIONS.items()]
-    )
+def filled(store: SupportStore, five: Path) -> SupportStore:
+    """The support set that commands use, with five actions of the examples."""
+    shutil.copytree(five, store.path.parent)
     return store
 
 
-@pytest.fixture
-def clip() -> MakeClip:
-    """Clips that differ by their seed, for what needs no recognition."""
+# `test_cases` asks for them by name.
+Invoke = Callable[..., Result]
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
-    def make(seed: int) -> Clip:
-        joints = np.random.default_rng(seed).normal(size=(12, 15, 3))
-        return Clip(joints, LAYOUTS["default_15"], source=f"clip{seed}.npy")
 
-    return make
+@pytest.fixture(name="invoke")
+def _invoke() -> Invoke:
+    return invoke
+
+
+@pytest.fixture(name="run")
+def _run() -> Run:
+    return run

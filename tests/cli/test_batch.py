@@ -5,8 +5,6 @@ seconds to answer, which a machine that is busy with other tests does not keep. 
 runs with `make nightly`.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -28,7 +26,7 @@ import pytest
 from actioncli import SupportStore, read_clip
 from actioncli.archives.results import COLUMNS, Results
 
-from .conftest import ACTIONS, EXAMPLES, Invoke
+from .conftest import ACTIONS, EXAMPLES, invoke
 
 needs_ray = pytest.mark.skipif(not find_spec("ray"), reason="needs the extra `ray`")
 PATIENCE = 600
@@ -49,7 +47,7 @@ Started = Callable[..., subprocess.Popen[str]]
     ],
 )
 def test_what_batch_refuses(
-    words: list[str], code: int, message: str, tmp_path: Path, invoke: Invoke,
+    words: list[str], code: int, message: str, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     (tmp_path / "empty").mkdir()
@@ -63,7 +61,7 @@ def test_what_batch_refuses(
 
 
 def test_without_the_extra_it_is_named_where_it_is_needed(
-    invoke: Invoke, filled: SupportStore, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    filled: SupportStore, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("actioncli.cli.batch.find_spec", lambda name: None)
     for words in (["out.parquet"], ["out.csv", "--ray", "auto"]):
@@ -77,14 +75,12 @@ def test_without_the_extra_it_is_named_where_it_is_needed(
         assert (result.exit_code, "3 files, 3 accepted" in result.stdout) == (0, True)
 
 
-def test_an_empty_support_set_is_told(tmp_path: Path, invoke: Invoke) -> None:
+def test_an_empty_support_set_is_told(tmp_path: Path) -> None:
     assert invoke("batch", EXAMPLES / "squat", tmp_path / "out.csv").exit_code == 4
 
 
 @pytest.mark.skipif(not find_spec("pyarrow"), reason="needs the extra `ray`")
-def test_other_decisions_are_not_mixed(
-    filled: SupportStore, tmp_path: Path, invoke: Invoke
-) -> None:
+def test_other_decisions_are_not_mixed(filled: SupportStore, tmp_path: Path) -> None:
     output = tmp_path / "out.parquet"
     with Results.opened(output, {"weights": "of old"}) as results:
         results.finish()
@@ -95,7 +91,7 @@ def test_other_decisions_are_not_mixed(
     assert "delete it" in result.stderr
 
 
-def test_the_columns_are_the_documented_ones(invoke: Invoke) -> None:
+def test_the_columns_are_the_documented_ones() -> None:
     block = invoke("batch", "--help").stdout.partition("Columns:\n")[2]
     lines = block.partition("\n\n")[0].splitlines()
     named = [re.split(r"\s{2,}", line.strip())[0].split(", ") for line in lines]
@@ -212,7 +208,6 @@ def classified(start: Started, archive: Path) -> list[dict[str, Any]]:
 
 
 @pytest.mark.usefixtures("unmeasured")
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_what_a_killed_and_an_interrupted_run_leave_ends_like_one_run(
     start: Started, archive: Path, place: Path, classified: list[dict[str, Any]]
 ) -> None:
@@ -284,7 +279,6 @@ def test_two_nodes_decide_as_classify_though_a_worker_dies(
 
 @needs_ray
 @pytest.mark.nightly
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_a_file_that_kills_its_workers_becomes_a_row(
     start: Started, cluster: str, place: Path
 ) -> None:

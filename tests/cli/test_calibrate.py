@@ -12,7 +12,7 @@ from actioncli.calibration.trials import KINDS
 from actioncli.clips.write import write_clip
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
-from .conftest import ACTIONS, EXAMPLES, Ask, Invoke
+from .conftest import EXAMPLES, ask, invoke
 from .test_json_keys import documented, found
 
 SQUAT = EXAMPLES / "squat/ada.npz"
@@ -21,7 +21,7 @@ LOOSE = ["--target-far", "0.25"]
 
 
 @pytest.fixture
-def several(invoke: Invoke, store: SupportStore) -> SupportStore:
+def several(store: SupportStore) -> SupportStore:
     """Four actions with two or three examples each, and one of which there is only one."""
     for folder in ("squat", "wave_right", "kick_right", "jumping_jack", "bow"):
         assert invoke("enroll", folder, EXAMPLES / folder, "-q", "--keep-tau").exit_code == 0
@@ -34,7 +34,7 @@ def checksum() -> str:
 
 
 def test_the_table_is_told_and_the_threshold_kept_and_used(
-    invoke: Invoke, ask: Ask, several: SupportStore, checksum: str
+    several: SupportStore, checksum: str
 ) -> None:
     assert invoke("calibrate", *LOOSE, "--dry-run").stdout.endswith(": not kept\n")
     assert kept_threshold(several) is None
@@ -61,7 +61,7 @@ def test_the_table_is_told_and_the_threshold_kept_and_used(
     assert used() == 0.5
 
 
-def test_json(ask: Ask, several: SupportStore, checksum: str) -> None:
+def test_json(several: SupportStore, checksum: str) -> None:
     told = ask("calibrate", *LOOSE)
     assert (told["measured"], told["kept"], told["weights"]) == (True, True, checksum)
     taus = [row["tau"] for row in told["table"]]
@@ -82,7 +82,7 @@ def test_json(ask: Ask, several: SupportStore, checksum: str) -> None:
     assert sum(action["false_accepts"]["of"] for action in told["actions"]) == 12 + cohort
 
 
-def test_keys_are_the_documented_ones(invoke: Invoke, ask: Ask, several: SupportStore) -> None:
+def test_keys_are_the_documented_ones(several: SupportStore) -> None:
     keys = found(ask("calibrate"), "", {})
     rates = {
         path: keys.pop(path) for path in list(keys) if path.endswith(("s", "d")) and "." in path
@@ -99,7 +99,7 @@ def test_keys_are_the_documented_ones(invoke: Invoke, ask: Ask, several: Support
     assert set(ask("calibrate", "--reset")) == reset
 
 
-def test_nothing_is_kept_where_nothing_can_be_told(invoke: Invoke, filled: SupportStore) -> None:
+def test_nothing_is_kept_where_nothing_can_be_told(filled: SupportStore) -> None:
     keep_threshold(filled, Threshold(0.9, "abc"))
     words = ["calibrate", "--target-far", "0.001"]
     dry = json.loads(invoke(*words, "--dry-run", "--json").stdout)
@@ -116,7 +116,7 @@ def test_nothing_is_kept_where_nothing_can_be_told(invoke: Invoke, filled: Suppo
 
 
 def test_clips_that_show_nothing_are_read_from_anywhere(
-    invoke: Invoke, several: SupportStore, tmp_path: Path
+    several: SupportStore, tmp_path: Path
 ) -> None:
     words = ["calibrate", *LOOSE, "--json", "--dry-run"]
     punch = EXAMPLES / "punch_right/dev.npz"
@@ -134,9 +134,7 @@ def test_clips_that_show_nothing_are_read_from_anywhere(
     assert (told["failed"], told["unknown"][1]["false_accepts"]["of"]) == (1, 1)
 
 
-def test_actions_with_thresholds_of_their_own(
-    invoke: Invoke, several: SupportStore, tmp_path: Path
-) -> None:
+def test_actions_with_thresholds_of_their_own(several: SupportStore, tmp_path: Path) -> None:
     words = ["calibrate", *LOOSE, "--per-action"]
     for folder in ("wave_left", "punch_right"):
         words += ["--negatives", str(EXAMPLES / folder)]
@@ -158,7 +156,7 @@ def test_actions_with_thresholds_of_their_own(
 
 
 def test_a_threshold_of_other_weights_is_told_and_not_used(
-    invoke: Invoke, several: SupportStore, checksum: str
+    several: SupportStore, checksum: str
 ) -> None:
     keep_threshold(several, Threshold(0.9, "other", {"squat": 0.8}))
     result = invoke("classify", SQUAT, "--json")
@@ -171,9 +169,7 @@ def test_a_threshold_of_other_weights_is_told_and_not_used(
     assert kept.weights == checksum
 
 
-def test_a_damaged_threshold_is_code_5_until_it_is_forgotten(
-    invoke: Invoke, filled: SupportStore
-) -> None:
+def test_a_damaged_threshold_is_code_5_until_it_is_forgotten(filled: SupportStore) -> None:
     filled.set_setting("threshold", "half")
     result = invoke("classify", SQUAT)
     assert result.exit_code == 5
@@ -186,34 +182,9 @@ def test_a_damaged_threshold_is_code_5_until_it_is_forgotten(
     assert invoke("classify", SQUAT).exit_code in (0, 1)
 
 
-def test_reset_makes_no_support_set(invoke: Invoke, home: Path) -> None:
+def test_reset_makes_no_support_set(home: Path) -> None:
     assert invoke("calibrate", "--reset").exit_code == 0
     assert not home.exists()
-
-
-def test_calibrated_decisions_keep_the_wanted_rate(
-    invoke: Invoke, several: SupportStore, tmp_path: Path
-) -> None:
-    """What calibrate counts is what classify then does."""
-    folder = tmp_path / "noise"
-    folder.mkdir()
-    rng = np.random.default_rng(0)
-    clip = several.clip(several.examples("squat")[0].id)
-    for n in range(12):
-        np.savez(
-            folder / f"{n}.npz",
-            joints=clip.joints[rng.permutation(len(clip))],
-            joint_names=clip.joint_names,
-            fps=clip.fps,
-            unit="m",
-            up="y",
-        )
-    told = json.loads(invoke("calibrate", *LOOSE, "--negatives", folder, "--json").stdout)
-    counted = told["unknown"][1]["false_accepts"]
-    decided = json.loads(invoke("classify", folder, "--json").stdout)
-    assert (counted["count"], counted["of"]) == (decided["accepted"], 12)
-    assert counted["rate"] <= 0.25
-    assert len(ACTIONS) == len(several.actions())
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +200,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_an_ordinary_day_is_counted_and_becomes_negatives(
-    invoke: Invoke, ask: Ask, store: SupportStore, day: Path, checksum: str
+    store: SupportStore, day: Path, checksum: str
 ) -> None:
     assert invoke("enroll", "squat", SQUAT, "-q").exit_code == 0
     quiet = ask("calibrate", "--background", day)
@@ -274,30 +245,9 @@ def test_an_ordinary_day_is_counted_and_becomes_negatives(
     ]
 
 
-def test_keys_of_an_ordinary_day_are_the_documented_ones(
-    invoke: Invoke, ask: Ask, several: SupportStore, day: Path
-) -> None:
+def test_keys_of_an_ordinary_day_are_the_documented_ones(several: SupportStore, day: Path) -> None:
     keys = found(ask("calibrate", "--background", day, "--dry-run"), "", {})
     documentation = documented(invoke("calibrate", "--help").stdout)
     assert keys[""] == documentation["With --background"]
     for path in ("rates[]", "events[]"):
         assert keys[path] == documentation[path]
-
-
-@pytest.mark.parametrize(
-    ("words", "wrong"),
-    [
-        (["--minutes", "3"], "belong to --background"),
-        (["--background", "0", "--reset"], "counts events"),
-        (["--background", "0", "--target-far", "0.1"], "counts events"),
-        (["--background", "0", "--minutes", "nan"], "must be above 0"),
-        (["--background", "0", "--target-events", "0"], "must be above 0"),
-        (["--background", "0", "--unit", "mm"], "for files of joints"),
-    ],
-)
-def test_options_that_an_ordinary_day_does_not_go_with(
-    invoke: Invoke, words: list[str], wrong: str
-) -> None:
-    result = invoke("calibrate", *words)
-    assert result.exit_code == 2
-    assert wrong in " ".join(result.stderr.split())

@@ -11,7 +11,7 @@ from actioncli.model.trx_os import parameter_shapes
 from actioncli.model.weights import write_weights
 from tests.forking import files_up_to
 
-from .conftest import Invoke, write_collection
+from .conftest import invoke, write_collection
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def toys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_table_has_a_row_for_each_collection_and_their_mean(invoke: Invoke, toys: Path) -> None:
+def test_table_has_a_row_for_each_collection_and_their_mean(toys: Path) -> None:
     result = invoke(
         "evaluate", toys / "one.npz", toys / "two.npz", "--baseline", "random", "--episodes", 3,
         "--ways", "2,5,8",
@@ -51,7 +51,7 @@ def test_table_has_a_row_for_each_collection_and_their_mean(invoke: Invoke, toys
 
 @pytest.mark.parametrize("baseline", [None, "exp", "dtw", "dtw-cohort", "always-reject", "random"])
 def test_json_goes_to_a_file_beside_the_table(
-    invoke: Invoke, toys: Path, tmp_path: Path, baseline: str | None
+    toys: Path, tmp_path: Path, baseline: str | None
 ) -> None:
     file = tmp_path / "figures.json"
     chosen = ["--baseline", baseline] if baseline else []
@@ -68,9 +68,7 @@ def test_json_goes_to_a_file_beside_the_table(
     assert [row["ways_used"] for row in document["results"]] == [2, 2, 2]
 
 
-def test_a_full_disk_takes_the_document_and_not_the_table(
-    invoke: Invoke, toys: Path, tmp_path: Path
-) -> None:
+def test_a_full_disk_takes_the_document_and_not_the_table(toys: Path, tmp_path: Path) -> None:
     file = tmp_path / "figures.json"
     file.write_text("before")
     words = ["evaluate", toys / "one.npz", "--baseline", "always-reject", "--episodes", 2]
@@ -82,14 +80,14 @@ def test_a_full_disk_takes_the_document_and_not_the_table(
     assert file.read_text() == "before"
 
 
-def test_json_alone_is_printed_on_request(invoke: Invoke, toys: Path) -> None:
+def test_json_alone_is_printed_on_request(toys: Path) -> None:
     arguments = ["evaluate", toys / "one.npz", "--baseline", "always-reject", "--episodes", 2]
     dash = json.loads(invoke(*arguments, "--json", "-").stdout)
     assert dash == json.loads(invoke("--json", *arguments).stdout)
     assert dash["results"][0]["metrics"]["fsos_accuracy"] == {"mean": 0.5, "std": 0.0}
 
 
-def test_several_baselines_stand_in_one_document(invoke: Invoke, toys: Path) -> None:
+def test_several_baselines_stand_in_one_document(toys: Path) -> None:
     names = ["--baseline", "random", "--baseline", "always-reject", "--baseline", "random"]
     arguments = ["evaluate", toys / "one.npz", "--episodes", 2, "--ways", 2, *names]
     document = json.loads(invoke(*arguments, "--json", "-").stdout)
@@ -99,7 +97,7 @@ def test_several_baselines_stand_in_one_document(invoke: Invoke, toys: Path) -> 
     assert invoke(*arguments).stdout.count("FSOS-ACC") == 2
 
 
-def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path: Path) -> None:
+def test_what_could_not_be_measured_is_told(toys: Path, tmp_path: Path) -> None:
     (tmp_path / "s.json").write_text('{"one": {}, "two": {"benchmark": ["action 1"]}}')
     splits = ["--splits", tmp_path / "s.json", "--baseline", "random"]
     result = invoke("evaluate", toys / "one.npz", toys / "two.npz", *splits)
@@ -123,11 +121,7 @@ def test_what_could_not_be_measured_is_told(invoke: Invoke, toys: Path, tmp_path
     ],
 )
 def test_senseless_arguments_are_usage_errors(
-    invoke: Invoke,
-    toys: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    message: str,
+    toys: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
 ) -> None:
     monkeypatch.chdir(toys)
     result = invoke("evaluate", *arguments)

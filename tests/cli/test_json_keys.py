@@ -11,7 +11,7 @@ from pose.videos import numbered, write_video
 from actioncli import Clip, SupportStore, read_clip
 from actioncli.clips.write import write_clip
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 SQUAT = str(EXAMPLES / "squat/ada.npz")
 # For each command, calls that together show every key.
@@ -55,9 +55,7 @@ def found(value: object, path: str, keys: dict[str, set[str]]) -> dict[str, set[
 
 
 @pytest.mark.parametrize("command", CALLS)
-def test_keys_are_the_documented_ones(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path, command: str
-) -> None:
+def test_keys_are_the_documented_ones(filled: SupportStore, tmp_path: Path, command: str) -> None:
     file = tmp_path / "actions.safetensors"
     if command == "import":
         filled.export(file)
@@ -83,7 +81,7 @@ def test_keys_are_the_documented_ones(
     assert keys == documented(invoke(command, "--help").stdout)
 
 
-def test_keys_of_an_error_are_the_documented_ones(invoke: Invoke) -> None:
+def test_keys_of_an_error_are_the_documented_ones() -> None:
     error = json.loads(invoke("show", "x", "--json").stdout)
     assert list(error) == ["error"]
     inside = ", ".join(f'"{key}"' for key in error["error"])

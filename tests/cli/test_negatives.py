@@ -8,16 +8,14 @@ from actioncli import Recognizer, SupportStore, read_clip
 from actioncli.recognition.decision import compared
 from actioncli.recognition.threshold import DEFAULT_TAU
 
-from .conftest import EXAMPLES, Ask, Invoke
+from .conftest import EXAMPLES, ask, invoke
 
 SQUAT = EXAMPLES / "squat/ada.npz"
 WAVE_LEFT = EXAMPLES / "wave_left"
 PUNCH = EXAMPLES / "punch_right/dev.npz"
 
 
-def test_negatives_are_enrolled_without_a_label(
-    invoke: Invoke, ask: Ask, store: SupportStore
-) -> None:
+def test_negatives_are_enrolled_without_a_label(store: SupportStore) -> None:
     result = invoke("enroll", "--negative", PUNCH, WAVE_LEFT, "--note", "not this")
     assert result.exit_code == 0
     assert result.stdout.splitlines()[0].startswith(
@@ -34,7 +32,7 @@ def test_negatives_are_enrolled_without_a_label(
     assert not store.examples("squat")[0].negative
 
 
-def test_an_action_of_that_name_is_told(invoke: Invoke, store: SupportStore) -> None:
+def test_an_action_of_that_name_is_told(store: SupportStore) -> None:
     invoke("enroll", "negatives", SQUAT)
     result = invoke("enroll", "--negative", PUNCH)
     assert result.exit_code == 2
@@ -44,9 +42,7 @@ def test_an_action_of_that_name_is_told(invoke: Invoke, store: SupportStore) -> 
     assert invoke("enroll", "negatives", SQUAT).exit_code == 2
 
 
-def test_what_is_nearer_to_a_negative_is_rejected(
-    invoke: Invoke, ask: Ask, filled: SupportStore
-) -> None:
+def test_what_is_nearer_to_a_negative_is_rejected(filled: SupportStore) -> None:
     words = ["classify", SQUAT, "--tau", "0"]
     [before] = ask(*words)["clips"]
     assert (before["accepted"], before["nearest_negative"]) == (True, None)
@@ -71,7 +67,7 @@ def test_what_is_nearer_to_a_negative_is_rejected(
     assert ask(*words)["clips"][0]["accepted"]
 
 
-def test_only_negatives_is_an_empty_support_set(invoke: Invoke, store: SupportStore) -> None:
+def test_only_negatives_is_an_empty_support_set(store: SupportStore) -> None:
     invoke("enroll", "--negative", PUNCH)
     assert invoke("classify", SQUAT).exit_code == 4
     listed = invoke("list-support")
@@ -79,9 +75,7 @@ def test_only_negatives_is_an_empty_support_set(invoke: Invoke, store: SupportSt
     assert "enrol an action" in listed.stderr
 
 
-def test_they_are_listed_apart_shown_and_removed(
-    invoke: Invoke, ask: Ask, filled: SupportStore
-) -> None:
+def test_they_are_listed_apart_shown_and_removed(filled: SupportStore) -> None:
     invoke("enroll", "--negative", PUNCH, WAVE_LEFT, "-q")
     lines = invoke("list-support").stdout.splitlines()
     place = next(n for n, line in enumerate(lines) if line.startswith("never accepted"))
@@ -96,17 +90,9 @@ def test_they_are_listed_apart_shown_and_removed(
     assert len(filled.negatives()) == 2
 
 
-def test_an_example_of_another_action_is_told(
-    invoke: Invoke, ask: Ask, filled: SupportStore
-) -> None:
-    invoke(
-        "enroll",
-        "squat",
-        EXAMPLES / "squat/ben.npz",
-        EXAMPLES / "squat/cleo.npz",
-        "-q",
-        "--keep-tau",
-    )
+def test_an_example_of_another_action_is_told(filled: SupportStore) -> None:
+    others = [EXAMPLES / f"squat/{who}.npz" for who in ("ben", "cleo")]
+    invoke("enroll", "squat", *others, "-q", "--keep-tau")
     # A kick that was taken for a squat.
     stray = EXAMPLES / "kick_right/cleo.npz"
     seen = Recognizer().classify(read_clip(stray), filled.support())
@@ -126,7 +112,7 @@ def test_an_example_of_another_action_is_told(
     assert (again["added"], again["warnings"]) == (False, [])
 
 
-def test_clips_of_one_call_are_compared_with_one_another(ask: Ask, store: SupportStore) -> None:
+def test_clips_of_one_call_are_compared_with_one_another(store: SupportStore) -> None:
     files = [EXAMPLES / name for name in ("squat/ada.npz", "squat/ben.npz", "bow/ben.npz")]
     recognizer = Recognizer()
     clips = [read_clip(file) for file in files]
@@ -139,9 +125,7 @@ def test_clips_of_one_call_are_compared_with_one_another(ask: Ask, store: Suppor
         assert entry["warnings"] == (told if confidence <= DEFAULT_TAU else [])
 
 
-def test_enrolment_needs_no_weights(
-    invoke: Invoke, store: SupportStore, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_enrolment_needs_no_weights(store: SupportStore, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("actioncli.model.weights.DEFAULT_WEIGHTS", "none.safetensors")
     result = invoke("enroll", "squat", SQUAT)
     assert result.exit_code == 0

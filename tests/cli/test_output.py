@@ -1,8 +1,6 @@
 """Escaping, tables, numbers."""
 
 import json
-import os
-import subprocess
 import sys
 import unicodedata
 
@@ -10,7 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from actioncli.cli import output
 from actioncli.cli.output import plural, printable, progress, steps, table, write_json
+
+from .conftest import at_terminal
 
 
 @given(st.text(alphabet=st.characters(categories=["C", "Z", "L", "M"])))
@@ -57,13 +58,17 @@ def test_progress_passes_everything_on_and_is_silent_without_a_terminal(
 
 EACH = """
 import time
+from actioncli.cli import output
 from actioncli.cli.output import progress
+output._PATIENCE_SECONDS = 0.3
 for seconds in progress([{seconds}, 0, 0], "Sleeping"):
     time.sleep(seconds)
 """
 STEPS = """
 import time
+from actioncli.cli import output
 from actioncli.cli.output import steps
+output._PATIENCE_SECONDS = 0.3
 with steps(shown=True) as step:
     step("Waking", 0, 2)
     time.sleep({seconds})
@@ -72,19 +77,14 @@ with steps(shown=True) as step:
 """
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 @pytest.mark.parametrize("script", [EACH, STEPS], ids=["each", "steps"])
 def test_progress_is_drawn_on_a_terminal_once_it_takes_long(script: str) -> None:
     def drawn(seconds: float) -> bytes:
-        terminal, stderr = os.openpty()
         words = [sys.executable, "-c", script.format(seconds=seconds)]
-        done = subprocess.run(words, stdout=subprocess.PIPE, stderr=stderr, check=True)
-        assert done.stdout == b""
-        os.write(stderr, b"end")
-        os.close(stderr)
-        written = os.read(terminal, 100_000)
-        os.close(terminal)
-        return written
+        done, shown = at_terminal(words, "stderr")
+        assert (done.returncode, done.stdout) == (0, "")
+        return shown
 
-    assert drawn(0) == b"end"
-    assert b"Sleeping" in drawn(2.1)
+    assert drawn(0) == b""
+    assert b"Sleeping" in drawn(0.4)
+    assert 1 <= output._PATIENCE_SECONDS <= 2

@@ -16,7 +16,7 @@ from actioncli.files import weights_file
 from actioncli.model.weights import DEFAULT_WEIGHTS
 from tests.forking import files_up_to
 
-from .conftest import EXAMPLES, Ask, Invoke, write_collection
+from .conftest import EXAMPLES, ask, invoke, write_collection
 
 SQUAT = EXAMPLES / "squat/ada.npz"
 
@@ -32,7 +32,7 @@ def clip(tmp_path: Path) -> Path:
               "extract clip.mp4 -o same.npz"],
 )  # fmt: skip
 def test_an_input_is_not_written_over_by_any_name(
-    invoke: Invoke, filled: SupportStore, clip: Path, monkeypatch: pytest.MonkeyPatch,
+    filled: SupportStore, clip: Path, monkeypatch: pytest.MonkeyPatch,
     link: Callable[[str, str], None], words: str,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(clip.parent)
@@ -48,7 +48,7 @@ def test_an_input_is_not_written_over_by_any_name(
 
 
 def test_what_stands_there_is_written_over_by_force_or_where_it_is_a_page_of_ours(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
+    filled: SupportStore, tmp_path: Path
 ) -> None:
     page = tmp_path / "why.html"
     page.write_text("mine")
@@ -59,8 +59,11 @@ def test_what_stands_there_is_written_over_by_force_or_where_it_is_a_page_of_our
     picture = page.rename(tmp_path / "squat.svg")
     assert invoke("show", "squat", "-o", picture).exit_code == 2
     assert invoke("show", "squat", "-o", picture, "--force").exit_code == 0
-    page.write_text("mine")
+    other = tmp_path / "other"
+    other.write_text("mine")
+    page.symlink_to(other)
     assert invoke(*words, "--force").exit_code == 0
+    assert (other.read_text(), page.is_symlink()) == ("mine", False)
     assert invoke(*words).exit_code == 0
     assert "mine" not in page.read_text(encoding="utf-8").split()
     (tmp_path / "why.npz").touch()
@@ -85,7 +88,7 @@ def test_videos_of_one_name_get_folders_as_they_came(
 
 
 def test_folders_are_meant_by_name_first_and_an_empty_name_is_none(
-    ask: Ask, invoke: Invoke, store: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for folder in ("day[1]", "day1"):
@@ -105,7 +108,7 @@ def test_folders_are_meant_by_name_first_and_an_empty_name_is_none(
         assert (result.exit_code, "a name is empty" in result.stderr) == (2, True), words
 
 
-def test_a_full_disk_is_one_exit_code(invoke: Invoke, filled: SupportStore, tmp_path: Path) -> None:
+def test_a_full_disk_is_one_exit_code(filled: SupportStore, tmp_path: Path) -> None:
     new = EXAMPLES / "squat/ben.npz"
     for words in (["classify", SQUAT, "--explain", tmp_path / "why.html"],
                   ["batch", EXAMPLES / "squat", tmp_path / "out.csv"],
@@ -118,9 +121,7 @@ def test_a_full_disk_is_one_exit_code(invoke: Invoke, filled: SupportStore, tmp_
     assert len(filled.examples()) == 5
 
 
-def test_weights_of_ones_own_are_named(
-    invoke: Invoke, ask: Ask, filled: SupportStore, tmp_path: Path
-) -> None:
+def test_weights_of_ones_own_are_named(filled: SupportStore, tmp_path: Path) -> None:
     usual = ask("classify", SQUAT)["weights"]
     own = shutil.copy(EXAMPLES.parent / "weights/trx_os.safetensors", tmp_path / "own.safetensors")
     result = invoke("classify", SQUAT, "--weights", own)
@@ -130,21 +131,12 @@ def test_weights_of_ones_own_are_named(
 
 
 def test_figures_and_weights_go_over_their_own_kind_only(
-    invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_collection(tmp_path / "a.npz", 6, 3, 2, np.random.default_rng(0))
-    asked = [
-        "evaluate",
-        "a.npz",
-        "--ways",
-        "2",
-        "--episodes",
-        "1",
-        "--baseline",
-        "random",
-        "--json",
-    ]
+    line = "evaluate a.npz --ways 2 --episodes 1 --baseline random --json"
+    asked = line.split()
     (tmp_path / "mine.json").write_text('{"mine": 1}', encoding="utf-8")
     for file in ("mine.json", "a.npz"):
         before = (tmp_path / file).read_bytes()

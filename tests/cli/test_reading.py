@@ -1,7 +1,5 @@
 """How many clips are read at the same time, and what comes of each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +8,7 @@ import pytest
 from actioncli import Clip, ClipError
 from actioncli.cli import reading
 from actioncli.cli.reading import read_each, sharing
-from actioncli.pose.metrabs import PoseModel
-from actioncli.pose.read import ReadOptions
+from actioncli.pose import ReadOptions
 
 CLIP = Clip(np.arange(18).reshape(2, 3, 3), ["a", "b", "c"])
 
@@ -30,9 +27,8 @@ def test_videos_are_shared_where_there_are_enough(
     monkeypatch.setattr(reading, "cores", lambda: cores)
     assert sharing(paths(videos), ReadOptions()) == processes
     assert sharing(paths(videos, others=100), ReadOptions()) == processes
-    model = PoseModel((), lambda image: np.zeros((0, 0, 3)))
     # Its threads would be lost in another process.
-    assert sharing(paths(videos), ReadOptions(metrabs=model)) == 1
+    assert sharing(paths(videos), ReadOptions(metrabs=Path("model"))) == 1
     assert sharing(paths(0, others=100), ReadOptions()) == 1
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from actioncli import SupportStore
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 WAVE, SQUAT = str(EXAMPLES / "wave_right/ada.npz"), str(EXAMPLES / "squat/ada.npz")
 USAGE = [
@@ -63,12 +63,18 @@ USAGE = [
     ("calibrate --reset --per-action", "--reset"),
     ("calibrate --reset --dry-run", "--reset"),
     ("calibrate --reset --negatives x.npy", "--reset"),
+    ("calibrate --minutes 3", "belong to --background"),
+    ("calibrate --background 0 --reset", "counts events"),
+    ("calibrate --background 0 --target-far 0.1", "counts events"),
+    ("calibrate --background 0 --minutes nan", "must be above 0"),
+    ("calibrate --background 0 --target-events 0", "must be above 0"),
+    ("calibrate --background 0 --unit mm", "for files of joints"),
 ]
 
 
 @pytest.mark.parametrize(("line", "named"), USAGE, ids=[line for line, _ in USAGE])
 def test_wrong_usage_is_one_line_and_code_2(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    filled: SupportStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     line: str, named: str,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
@@ -94,7 +100,7 @@ def test_wrong_usage_is_one_line_and_code_2(
     ids=lambda words: words[0],
 )  # fmt: skip
 def test_where_nothing_is_enrolled_it_is_code_4(
-    invoke: Invoke, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     result = invoke(*words, "--json")
@@ -103,16 +109,27 @@ def test_where_nothing_is_enrolled_it_is_code_4(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("command", ["list-support", "show x", "remove x -y", "clear -y",
-                                     "export out", "enroll squat " + SQUAT])  # fmt: skip
-def test_a_file_that_is_no_store_is_code_5(invoke: Invoke, tmp_path: Path, command: str) -> None:
+@pytest.mark.parametrize(
+    "command",
+    ["list-support --store FILE", "show x --store FILE", "remove x -y --store FILE",
+     "clear -y --store FILE", f"enroll squat {SQUAT} --store FILE", "doctor --repair --store FILE",
+     f"enroll squat {SQUAT} --store FILE/support.db", f"enroll squat {SQUAT} --store /dev/null",
+     "export FILE", "export FILE/out", "import FILE", "import FILE/none"],
+)  # fmt: skip
+def test_a_file_that_is_no_store_is_code_5(
+    filled: SupportStore, tmp_path: Path, command: str
+) -> None:
     broken = tmp_path / "broken.db"
     content = "not a database, but long enough to be taken for one" * 40
     broken.write_text(content)
-    result = invoke(*command.split(), "--store", broken)
-    assert result.exit_code == 5
-    assert "broken.db" in result.stderr.splitlines()[-1]
+    result = invoke(*command.replace("FILE", str(broken)).split(), "--json")
+    assert (result.exit_code, json.loads(result.stdout)["error"]["exit_code"]) == (5, 5)
+    error = result.stderr.splitlines()[-1]
+    assert error.startswith("error: ")
+    assert "broken.db" in error or "/dev/null" in command
     assert broken.read_text() == content
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["broken.db", "home"]
+    assert len(filled.examples()) == 5
 
 
 @pytest.mark.parametrize(
@@ -124,8 +141,6 @@ def test_a_file_that_is_no_store_is_code_5(invoke: Invoke, tmp_path: Path, comma
         (["."], "is a folder; a video is needed"),
     ],
 )
-def test_what_cannot_be_watched(
-    invoke: Invoke, filled: SupportStore, words: list[str], message: str
-) -> None:
+def test_what_cannot_be_watched(filled: SupportStore, words: list[str], message: str) -> None:
     done = invoke("watch", *words)
     assert (done.exit_code, message in done.stderr) == (3, True)

@@ -9,22 +9,16 @@ from pathlib import Path
 import pytest
 
 from actioncli import SupportStore, read_clip
-from actioncli.live.events import Event
-from actioncli.live.recorder import Recorder
-from actioncli.recognition.threshold import Threshold
+from tests.studio.serving import record
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 
 @pytest.fixture
 def seen(tmp_path: Path) -> Path:
     """A folder with three recorded events."""
     folder = tmp_path / "seen"
-    recorder = Recorder(folder, Threshold(0.5, ""), "camera 0")
-    for label in ("squat", "wave", "bow"):
-        clip = read_clip(EXAMPLES / "squat/ada.npz")
-        event = Event(label, 0.1 * len(label), clip.duration, 0.6)
-        recorder.update(clip, clip.duration, [], [event], False)
+    record(folder, "squat", "wave", "bow")
     return folder
 
 
@@ -51,7 +45,7 @@ def press(folder: Path, *keys: str) -> tuple[int, str, str]:
         return run.returncode, stdout.read(), told
 
 
-def test_waiting_clips_are_listed(invoke: Invoke, seen: Path) -> None:
+def test_waiting_clips_are_listed(seen: Path) -> None:
     clips = json.loads(invoke("review", seen, "--json").stdout)["clips"]
     assert [clip["label"] for clip in clips] == ["squat", "wave", "bow"]
     keys = "file, label, confidence, tau, event, start, end, source"
@@ -59,7 +53,6 @@ def test_waiting_clips_are_listed(invoke: Invoke, seen: Path) -> None:
     assert keys in invoke("review", "--help").stdout
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_enrolled_as_told_and_as_a_negative_and_deleted(store: SupportStore, seen: Path) -> None:
     code, said, _ = press(seen, "e", "n", "d")
     assert code == 0
@@ -74,7 +67,6 @@ def test_enrolled_as_told_and_as_a_negative_and_deleted(store: SupportStore, see
     assert not list(seen.iterdir())
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_skipped_renamed_and_left_at_quitting(store: SupportStore, seen: Path) -> None:
     code, said, _ = press(seen, "x", "s", "o", "deep squat\n", "q")
     assert code == 0
@@ -83,7 +75,6 @@ def test_skipped_renamed_and_left_at_quitting(store: SupportStore, seen: Path) -
     assert sorted(file.name for file in seen.glob("*.npz")) == ["0001_squat.npz", "0003_bow.npz"]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 def test_warned_as_enroll_does(store: SupportStore, seen: Path) -> None:
     store.enroll("squat", read_clip(EXAMPLES / "squat/ben.npz"))
     code, _, told = press(seen, "s", "s", "o", "knee bend\n")
@@ -91,7 +82,7 @@ def test_warned_as_enroll_does(store: SupportStore, seen: Path) -> None:
     assert "warning: closest to `squat`" in told
 
 
-def test_nobody_to_ask_and_nothing_to_review(invoke: Invoke, seen: Path, tmp_path: Path) -> None:
+def test_nobody_to_ask_and_nothing_to_review(seen: Path, tmp_path: Path) -> None:
     result = invoke("review", seen)
     assert result.exit_code == 2
     assert "--json lists" in result.stderr

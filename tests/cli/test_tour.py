@@ -10,10 +10,10 @@ import pytest
 from actioncli.cli import tour
 from actioncli.files import HOME_VARIABLE
 
-from .conftest import Invoke, Run
+from .conftest import invoke, run
 
 
-def test_the_tour_shows_what_it_promises(run: Run, home: Path, tmp_path: Path) -> None:
+def test_the_tour_shows_what_it_promises(home: Path, tmp_path: Path) -> None:
     # What the user set is not heeded.
     place = {**os.environ, "TMPDIR": str(tmp_path / "temporary"), "ACTIONCLI_TAU": "1"}
     (tmp_path / "temporary").mkdir()
@@ -30,7 +30,7 @@ def test_the_tour_shows_what_it_promises(run: Run, home: Path, tmp_path: Path) -
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_as_json_it_is_what_its_commands_say(invoke: Invoke, home: Path) -> None:
+def test_as_json_it_is_what_its_commands_say(home: Path) -> None:
     before = Path.cwd()
     steps = json.loads(invoke("tour", "--json").stdout)["steps"]
     assert [step["exit_code"] for step in steps] == [0, 0, 0, 0, 0, 1]
@@ -39,13 +39,11 @@ def test_as_json_it_is_what_its_commands_say(invoke: Invoke, home: Path) -> None
     assert (Path.cwd(), os.environ[HOME_VARIABLE]) == (before, str(home))
 
 
-def test_without_words_it_is_the_results_alone(invoke: Invoke) -> None:
+def test_without_words_it_is_the_results_alone() -> None:
     assert "$" not in invoke("tour", "--quiet").stdout
 
 
-def test_a_step_that_goes_wrong_ends_it(
-    invoke: Invoke, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_step_that_goes_wrong_ends_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tour, "examples_folder", lambda: tmp_path)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.delenv(HOME_VARIABLE)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.forking import files_up_to
 
-from .conftest import Invoke, write_collection
+from .conftest import invoke, write_collection
 
 pytest.importorskip("torch", reason="needs the extra train")
 
@@ -36,7 +36,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def test_a_run_is_told_and_written(invoke: Invoke, toy: Path, tmp_path: Path) -> None:
+def test_a_run_is_told_and_written(toy: Path, tmp_path: Path) -> None:
     out = tmp_path / "w.safetensors"
     words = ["train", toy, "--recipe", "paper", "--out", out, "--threads", 1]
     result = invoke(*words)
@@ -52,7 +52,7 @@ def test_a_run_is_told_and_written(invoke: Invoke, toy: Path, tmp_path: Path) ->
 
 
 def test_a_run_is_written_and_asked(
-    invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = PartsConfig(width=16, key_width=8, layers=1, evidence=8)
     short = DefaultRecipe(config=small, steps=2, ways=4, tasks=1, validate_every=2)
@@ -69,10 +69,9 @@ def test_a_run_is_written_and_asked(
     assert "squat" in invoke("classify", example, *words).stdout
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals are sent as POSIX has them")
 @pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM"])
 def test_a_run_that_was_ended_goes_on(
-    invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+    toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
     out = tmp_path / "w.safetensors"
     words = ["train", toy, "--recipe", "paper", "--out", out, "--threads", 1]
@@ -97,7 +96,7 @@ def test_a_run_that_was_ended_goes_on(
 
 
 def test_a_checkpoint_that_cannot_be_written_is_told_once(
-    invoke: Invoke, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(loop, "CHECKPOINT_SECONDS", -1.0)
     out = tmp_path / "w.safetensors"
@@ -121,17 +120,13 @@ def test_a_checkpoint_that_cannot_be_written_is_told_once(
         (["--out", "w", "--recipe", "paper", "--device", "abacus"], "--device abacus: "),
     ],
 )
-def test_senseless_arguments_are_usage_errors(
-    invoke: Invoke, toy: Path, words: list[str], message: str
-) -> None:
+def test_senseless_arguments_are_usage_errors(toy: Path, words: list[str], message: str) -> None:
     result = invoke("train", toy, *words)
     assert result.exit_code == 2
     assert message in result.stderr
 
 
-def test_without_torch_the_extra_is_named(
-    invoke: Invoke, toy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_torch_the_extra_is_named(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "find_spec", lambda _: None)
     result = invoke("train", toy, "--out", "w")
     assert result.exit_code == 2

@@ -13,7 +13,7 @@ import pytest
 from actioncli import Recognizer, SupportSet, SupportStore, read_clip
 from actioncli.recognition.threshold import Threshold, keep_threshold, kept_threshold
 
-from .conftest import EXAMPLES, Invoke, MakeClip, Run
+from .conftest import EXAMPLES, invoke, run, shaking
 
 QUERIES = ["squat/ben", "wave_left/ada", "punch_right/dev", "kick_right/cleo"]
 
@@ -29,8 +29,8 @@ def calibrated(filled: SupportStore) -> SupportStore:
     return filled
 
 
-def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_path: Path) -> None:
-    """Another home, working folder and language; then another number of threads too."""
+def test_decisions_travel_bit_for_bit(calibrated: SupportStore, tmp_path: Path) -> None:
+    """Another home, working folder and language."""
     machines = []
     for name, language in (("here", "C"), ("über – dort", "tr_TR.UTF-8")):
         folder = tmp_path / name
@@ -64,12 +64,6 @@ def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_pa
     assert {clip["label"] for clip in first} >= {None}
     assert {clip["tau"] for clip in first} == {0.3, 0.999999}
     assert {clip["nearest_negative"] is None for clip in first} == {False}
-    # From the embeddings that it kept by now, on two threads: sums are rounded in another order.
-    there["env"] |= {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
-    for one, two in zip(second, decide(there), strict=True):
-        for key in ("source", "label", "accepted", "tau", "nearest"):
-            assert one[key] == two[key]
-        assert abs(one["confidence"] - two["confidence"]) <= 1e-5
     # JSON has six digits; these are all of them.
     stores = [SupportStore(machine["cwd"] / "home" / "support.db") for machine in machines]
     recognizer = Recognizer()
@@ -77,12 +71,6 @@ def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_pa
     assert list(embedded[0]) == list(embedded[1])
     for label in embedded[0]:
         assert np.array_equal(embedded[0][label], embedded[1][label])
-    for query in QUERIES:
-        decisions = [
-            recognizer.classify(read_clip(EXAMPLES / f"{query}.npz"), support)
-            for support in embedded
-        ]
-        assert decisions[0] == decisions[1]
     # What was carried there can be carried back, and is the same file but for the numbers.
     ask(there, "export", "again.safetensors")
     again = (there["cwd"] / "again.safetensors").read_bytes()
@@ -90,15 +78,13 @@ def test_decisions_travel_bit_for_bit(run: Run, calibrated: SupportStore, tmp_pa
     assert stat.S_IMODE((there["cwd"] / "again.safetensors").stat().st_mode) == 0o600
 
 
-def test_a_threshold_of_other_examples_is_left(
-    invoke: Invoke, store: SupportStore, clip: MakeClip, tmp_path: Path
-) -> None:
-    store.enroll("wave", clip(0))
+def test_a_threshold_of_other_examples_is_left(store: SupportStore, tmp_path: Path) -> None:
+    store.enroll("wave", shaking(0))
     keep_threshold(store, Threshold(0.25, "w"))
     file = tmp_path / "actions.safetensors"
     invoke("export", file)
     other = SupportStore(tmp_path / "other.db")
-    other.enroll("squat", clip(1))
+    other.enroll("squat", shaking(1))
     result = invoke("import", file, "--store", other.path)
     assert result.exit_code == 0
     assert "calibrated threshold was left" in result.stderr

@@ -1,11 +1,7 @@
 """Videos on the command line: enroll, classify, extract and watch."""
 
-from __future__ import annotations
-
-import contextlib
 import itertools
 import json
-import os
 import re
 import shlex
 import signal
@@ -13,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -31,7 +27,7 @@ from actioncli.pose import video as pose_video
 from actioncli.pose.camera import LiveSource
 from actioncli.pose.frames import Frame, VideoFile
 
-from .conftest import EXAMPLES, Ask, Invoke, Run
+from .conftest import EXAMPLES, ask, at_terminal, invoke, run
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,9 +40,7 @@ def waving(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(tmp_path_factory.mktemp("video") / "wave.mp4", small, 10)
 
 
-def test_enroll_and_classify_a_video(
-    invoke: Invoke, ask: Ask, store: SupportStore, waving: Path
-) -> None:
+def test_enroll_and_classify_a_video(store: SupportStore, waving: Path) -> None:
     part = ("--start", 0.2, "--end", 1.5)
     done = invoke("enroll", "wave", waving, *part)
     assert done.exit_code == 0, done.stderr
@@ -60,7 +54,7 @@ def test_enroll_and_classify_a_video(
 
 
 def test_a_video_is_looked_at_once_and_drawn(
-    ask: Ask, filled: SupportStore, waving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    filled: SupportStore, waving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks = []
     look = pose_video._estimate
@@ -76,7 +70,7 @@ def test_a_video_is_looked_at_once_and_drawn(
 
 
 @pytest.mark.parametrize("kind", ["npz", "json", "trc", "csv"])
-def test_extract(invoke: Invoke, waving: Path, tmp_path: Path, kind: str) -> None:
+def test_extract(waving: Path, tmp_path: Path, kind: str) -> None:
     file = tmp_path / f"wave.{kind}"
     done = invoke("extract", waving, "-o", file, "--start", 0, "--hands")
     assert done.exit_code == 0, done.stderr
@@ -86,7 +80,7 @@ def test_extract(invoke: Invoke, waving: Path, tmp_path: Path, kind: str) -> Non
     assert clip.fps == pytest.approx(10, rel=1e-3)
 
 
-def test_many_videos_are_read_as_each_alone(run: Run, waving: Path, tmp_path: Path) -> None:
+def test_many_videos_are_read_as_each_alone(waving: Path, tmp_path: Path) -> None:
     """They are shared by processes with one core each."""
     folder, out = tmp_path / "videos", tmp_path / "out"
     folder.mkdir()
@@ -115,7 +109,7 @@ def test_many_videos_are_read_as_each_alone(run: Run, waving: Path, tmp_path: Pa
     assert [clip.get("nearest") for clip in clips] == ["wave", None, *["wave"] * (2 * cores() - 1)]
 
 
-def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_path: Path) -> None:
+def test_watch_a_file(store: SupportStore, waving: Path, tmp_path: Path) -> None:
     invoke("enroll", "wave", waving, "--start", 0)
     script = tmp_path / "script.py"
     script.write_text(
@@ -150,7 +144,7 @@ def test_watch_a_file(invoke: Invoke, store: SupportStore, waving: Path, tmp_pat
 
 
 def test_watch_sends_what_it_tells(
-    invoke: Invoke, store: SupportStore, waving: Path, monkeypatch: pytest.MonkeyPatch
+    store: SupportStore, waving: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("paho.mqtt", reason="needs the extra mqtt")
     pytest.importorskip("amqtt", reason="needs the extra dev")
@@ -174,9 +168,7 @@ def test_watch_sends_what_it_tells(
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_what_is_enrolled_meanwhile_counts(
-    store: SupportStore, waving: Path, invoke: Invoke
-) -> None:
+def test_what_is_enrolled_meanwhile_counts(store: SupportStore, waving: Path) -> None:
     store.enroll("squat", read_clip(EXAMPLES / "squat" / "ada.npz"))
     pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
     always = itertools.cycle([each for picture in pictures for each in (picture, 0.1)])
@@ -210,9 +202,7 @@ def test_what_is_enrolled_meanwhile_counts(
     assert {event["label"] for event in events} == {"wave"}
 
 
-def test_watch_a_stream_to_its_end(
-    invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
-) -> None:
+def test_watch_a_stream_to_its_end(filled: SupportStore, waving: Path, tmp_path: Path) -> None:
     with streamed((frame.image for frame in VideoFile(waving).frames()), fps=10) as address:
         done = invoke("watch", address, "--json", "--tau", 0, "--retry", 0)
     assert done.exit_code == 3, done.stderr
@@ -227,9 +217,7 @@ def json_lines(text: str) -> list[str]:
     return [*events[0], "{" + error]
 
 
-def test_watch_takes_a_stream_up_again(
-    invoke: Invoke, filled: SupportStore, waving: Path, tmp_path: Path
-) -> None:
+def test_watch_takes_a_stream_up_again(filled: SupportStore, waving: Path, tmp_path: Path) -> None:
     pictures = [part(frame.image) for frame in VideoFile(waving).frames()]
     once: list[bytes | float] = [each for picture in pictures for each in (picture, 0.1)]
     with answering(once, [*once, b"garbage"], []) as address:
@@ -240,9 +228,7 @@ def test_watch_takes_a_stream_up_again(
     assert done.stderr == f"{again}note: {address}: the picture is back\n{again}{lost}"
 
 
-def test_a_video_at_an_address_is_none_of_a_camera(
-    invoke: Invoke, filled: SupportStore, waving: Path
-) -> None:
+def test_a_video_at_an_address_is_none_of_a_camera(filled: SupportStore, waving: Path) -> None:
     with hosted(waving.parent) as address:
         done = invoke("watch", f"{address}wave.mp4", "--json", "--tau", 0)
         assert (done.exit_code, done.stdout) == (
@@ -259,7 +245,7 @@ def test_a_video_at_an_address_is_none_of_a_camera(
             assert (refused.exit_code, there in refused.stderr) == (3, True), refused.stderr
 
 
-def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None:
+def test_cameras(waving: Path, tmp_path: Path) -> None:
     pictures: list[bytes | float] = [part(frame.image) for frame in VideoFile(waving).frames()]
     with answering([*pictures, 60.0]) as address:
         words = ("cameras", address, waving, "/dev/null", "--stills", tmp_path)
@@ -268,7 +254,7 @@ def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None
     for entry in (at_address, video):
         still = Path(entry["still"])
         assert cv2.imread(str(still)).shape[:2] == (entry["height"], entry["width"]) == (320, 320)
-        assert os.name != "posix" or still.stat().st_mode & 0o777 == 0o600
+        assert still.stat().st_mode & 0o777 == 0o600
     assert "/dev/null: cannot be opened" in device["error"]["message"]
     assert done.exit_code == 3
     assert f"{address}  320 x 320\n" in done.stdout
@@ -276,7 +262,6 @@ def test_cameras(invoke: Invoke, ask: Ask, waving: Path, tmp_path: Path) -> None
     assert invoke("cameras", "--stills", tmp_path / "none").exit_code == 2
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_cameras_draws_on_a_terminal(waving: Path) -> None:
     shown, code = on_terminal(waving, command="cameras")
     assert code == 0
@@ -284,7 +269,6 @@ def test_cameras_draws_on_a_terminal(waving: Path) -> None:
     assert len(rows) == 24
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
 @pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_what_ends_reading_a_video_leaves_nothing(
     shared: Path, tmp_path: Path, home: Path, ending: str
@@ -311,7 +295,6 @@ def test_what_ends_reading_a_video_leaves_nothing(
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as POSIX has them")
 @pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_what_ends_watching_ends_it_well(filled: SupportStore, waving: Path, ending: str) -> None:
@@ -337,9 +320,7 @@ def test_what_ends_watching_ends_it_well(filled: SupportStore, waving: Path, end
         assert json.loads(line)["label"]
 
 
-def test_watch_keeps_what_it_told(
-    invoke: Invoke, store: SupportStore, waving: Path, tmp_path: Path
-) -> None:
+def test_watch_keeps_what_it_told(store: SupportStore, waving: Path, tmp_path: Path) -> None:
     invoke("enroll", "wave", waving, "--start", 0)
     folder = tmp_path / "seen"
     told = json.loads(invoke("watch", waving, "--json", "--tau", 0, "--record", folder).stdout)
@@ -367,9 +348,7 @@ def test_several_processes_look_at_the_same_video(waving: Path, home: Path) -> N
     assert [path.suffix for path in (home / "poses").glob("[!.]*")] == [".npz"]
 
 
-def test_watch_tells_what_there_was_not(
-    invoke: Invoke, filled: SupportStore, tmp_path: Path
-) -> None:
+def test_watch_tells_what_there_was_not(filled: SupportStore, tmp_path: Path) -> None:
     picture, empty = tmp_path / "one.png", tmp_path / "empty.avi"
     cv2.imwrite(str(picture), np.zeros((64, 64, 3), np.uint8))
     done = invoke("watch", picture)
@@ -387,20 +366,12 @@ def test_watch_tells_what_there_was_not(
 
 
 def on_terminal(
-    waving: Path, *more: str, command: str = "watch", **streams: int
+    waving: Path, *more: str, command: str = "watch", streams: Sequence[str] = ("stdout", "stderr")
 ) -> tuple[bytes, int]:
     """What a command writes to a terminal, and its exit code."""
-    terminal, side = os.openpty()
     words = [sys.executable, "-m", "actioncli", command, str(waving), *more]
-    with subprocess.Popen(words, **{"stdout": side, "stderr": side, **streams}) as watching:
-        os.close(side)
-        shown = b""
-        with contextlib.suppress(OSError):  # how Linux tells that the other side is closed
-            while part := os.read(terminal, 65536):
-                shown += part
-        os.close(terminal)
-        watching.communicate()
-    return shown, watching.returncode
+    done, shown = at_terminal(words, *streams)
+    return shown, done.returncode
 
 
 def screen_lines(shown: bytes) -> list[str]:
@@ -411,17 +382,15 @@ def screen_lines(shown: bytes) -> list[str]:
     return [line.strip() for line in screen.display if line.strip()]
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_watch_shows_a_terminal_what_it_sees(store: SupportStore, waving: Path) -> None:
     store.enroll("squat", cut(read_clip(EXAMPLES / "squat" / "ada.npz"), 0.5, 1.5))
-    shown, code = on_terminal(waving, "--json", stdout=subprocess.PIPE)
+    shown, code = on_terminal(waving, "--json", streams=["stderr"])
     assert code == 0
     text = shown.decode()
     assert re.search(r"\d+\.\d s +\d+\.\d frames/s +\d+ s left +following", text), text
     assert re.search(r"squat +[01]\.\d\d", text)
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Path) -> None:
     """Both streams go to one terminal, as they do for who just types the command."""
     store.enroll(":wave:", read_clip(waving, start=0.2, end=1.5))
@@ -434,7 +403,6 @@ def test_a_person_at_a_terminal_sees_the_events(store: SupportStore, waving: Pat
     assert rest == ["moved"]  # and the view is gone
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="terminals are made as POSIX makes them")
 def test_a_person_at_a_terminal_sees_the_notes(filled: SupportStore, tmp_path: Path) -> None:
     grey = write_video(tmp_path / "a.mp4", [np.full((64, 64, 3), 128, np.uint8)] * 40, 10)
     shown, code = on_terminal(grey)
@@ -478,7 +446,7 @@ def at_camera(monkeypatch: pytest.MonkeyPatch) -> type[Paced]:
     ],
 )
 def test_record(
-    invoke: Invoke, store: SupportStore, waving: Path, at_camera: type[Paced], tmp_path: Path,
+    store: SupportStore, waving: Path, at_camera: type[Paced], tmp_path: Path,
     seconds: float, seen: bool, message: str | None,
 ) -> None:  # fmt: skip
     grey = [np.full((64, 64, 3), 128, np.uint8)] * 20
@@ -510,11 +478,7 @@ def part_of(video: Path, copy: Path, seconds: float) -> Path:
 
 
 def test_the_commands_of_the_documents(
-    invoke: Invoke,
-    shared: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    at_camera: type[Paced],
+    shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_camera: type[Paced]
 ) -> None:
     """How to begin, in order; a recorded person stands before the camera."""
     monkeypatch.chdir(tmp_path)

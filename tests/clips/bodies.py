@@ -15,7 +15,7 @@ from actioncli.clips.skeleton import DEFAULT_JOINTS, LAYOUTS, default_columns
 Floats = NDArray[np.float64]
 
 # A grown person who faces the sensor (looks along -z): the left side at smaller x.
-_STANCE = {
+STANCE = {
     "pelv": (0, 0, 0), "lhip": (-0.1, 0, 0), "rhip": (0.1, 0, 0),
     "lkne": (-0.11, -0.43, -0.02), "rkne": (0.11, -0.43, -0.02),
     "lank": (-0.12, -0.85, 0.01), "rank": (0.12, -0.85, 0.01),
@@ -30,7 +30,7 @@ CENTRE = np.array([0.3, 0.1, 2.5])
 def waving(frames: int = 40, joints: Sequence[str] = DEFAULT_JOINTS) -> Floats:
     """(T, J, 3) metres: a person before a sensor who raises and waves the left arm."""
     time = np.linspace(0, 2 * np.pi, frames)
-    body = np.tile(np.array([_STANCE[joint] for joint in DEFAULT_JOINTS]), (frames, 1, 1))
+    body = np.tile(np.array([STANCE[joint] for joint in DEFAULT_JOINTS]), (frames, 1, 1))
     sway = 0.02 * np.sin(time)[:, None]
     body[:, :, 0] += sway
     swing = 0.6 * np.sin(2 * time)
@@ -131,7 +131,7 @@ def write_bvh(file: Path, body: Floats, scale: float = 1.0) -> Path:
     lines = ["HIERARCHY", "ROOT pelv", "{", "OFFSET 0 0 0"]
     lines.append("CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation")
     for joint in names[1:]:
-        x, y, z = (scale * value for value in _STANCE[joint])
+        x, y, z = (scale * value for value in STANCE[joint])
         lines += [f"JOINT {joint}", "{", f"OFFSET {x} {y} {z}"]
         lines += ["CHANNELS 3 Xposition Yposition Zposition"]
         lines += ["End Site", "{", "OFFSET 0 0.1 0", "}", "}"]

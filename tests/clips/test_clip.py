@@ -44,7 +44,7 @@ def test_a_notebook_shows_the_skeleton() -> None:
         assert all(0 <= float(line.attrib[y]) <= 138 for y in ("y1", "y2"))
     # Who faces the viewer has the left hand on the right of the picture.
     x = {side: [float(line.attrib["x1"]) for line in lines[:14] if line.get("stroke") == colour]
-         for side, colour in (("left", "#0072b2"), ("right", "#d55e00"))}  # fmt: skip
+         for side, colour in (("left", "var(--left)"), ("right", "var(--right)"))}  # fmt: skip
     assert np.mean(x["left"]) > np.mean(x["right"])
     assert svg[-1].text == "40 frames, 1.6 s, <a> & \ufffd\ufffd.npy"
 

@@ -107,6 +107,17 @@ def test_what_was_not_seen_for_long_is_missing() -> None:
     )
 
 
+@pytest.mark.parametrize("gap", [np.nan, 0.0])
+def test_a_needed_joint_that_is_never_seen_is_missing_however_short_the_clip(gap: float) -> None:
+    holed = body(10)
+    holed[:, WRIST] = gap
+    positions, _, confidence, notes = fill(holed)
+    assert np.isnan(positions[:, WRIST]).all()
+    assert confidence is not None
+    assert not confidence[:, WRIST].any()
+    assert notes == ("not seen: rwri in 100% of the frames",)
+
+
 def test_a_joint_that_no_model_needs_is_dropped() -> None:
     names = LAYOUTS["smpl_24"]
     holed = waving(joints=names).astype(np.float32)

@@ -1,7 +1,5 @@
 """Baselines answer as their names say, through the interface of a recogniser."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -76,12 +74,6 @@ def test_the_cohort_puts_the_unlike_below_one_half(toy: Collection) -> None:
     assert compared.distance[0, 0] < compared.distance[0, 1]
     assert compared.confidence[0, 0] > compared.confidence[0, 1]
     np.testing.assert_allclose(compared.confidence, 1 / (1 + compared.distance), rtol=1e-5)
-
-
-def test_always_reject_is_never_confident(toy: Collection) -> None:
-    scorer = AlwaysReject()
-    embedded = scorer.embed(toy.clips)
-    assert not scorer.compare(embedded, {"a": embedded[:1]}).confidence.any()
 
 
 def test_random_guesses_follow_from_the_seed(toy: Collection) -> None:

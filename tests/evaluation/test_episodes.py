@@ -1,10 +1,9 @@
 """Episodes keep the rules of their protocol whatever the collection looks like."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from hypothesis import given
+from cases import cases
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actioncli.errors import ClipError
@@ -22,6 +21,7 @@ collections = st.lists(
 )
 
 
+@settings(max_examples=cases(40))
 @given(
     collections,
     st.integers(1, 4),

@@ -1,7 +1,5 @@
 """Whole evaluations with real scorers on made-up motions, and on recordings where they are."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path
@@ -46,12 +44,6 @@ def test_always_reject_is_measured_beside_every_scorer(toy: Collection) -> None:
     assert found["oscr"].mean == pytest.approx(found["closed_set_accuracy"].mean / 2)
     assert found["false_accept_rate"].mean == 0
     assert found["false_reject_rate"].mean == 1
-
-
-def test_no_episode_has_more_oscr_than_closed_set_accuracy(toy: Collection) -> None:
-    for scorer in (Dtw(DEFAULT), Random(0), AlwaysReject()):
-        found = evaluate(scorer, [toy], ways=[3], episodes=20).results[0]
-        assert (found.values["oscr"] <= found.values["closed_set_accuracy"] + 1e-12).all()
 
 
 def test_same_seed_same_figures_whatever_else_is_measured(toy: Collection) -> None:
@@ -121,24 +113,14 @@ def test_progress_counts_to_its_total(toy: Collection) -> None:
 def test_json_keys_are_stable(toy: Collection) -> None:
     found = evaluate(Dtw(DEFAULT), [toy], ways=[3], episodes=4, tau=0.6, seed=5)
     parsed = json.loads(json.dumps(found.to_json()))
-    assert {key: parsed[key] for key in ("scorer", "protocol", "shots", "episodes")} == {
-        "scorer": "dtw",
-        "protocol": "cross-person",
-        "shots": 1,
-        "episodes": 4,
-    }
-    assert (parsed["tau"], parsed["seed"], parsed["skipped"]) == (0.6, 5, [])
+    keys = ("scorer", "protocol", "shots", "episodes", "tau", "seed", "skipped")
+    assert [parsed[key] for key in keys] == ["dtw", "cross-person", 1, 4, 0.6, 5, []]
     result = parsed["results"][0]
-    assert set(result) == {
-        "collection",
-        "ways",
-        "ways_used",
-        "classes",
-        "queries_per_episode",
-        "metrics",
-        "expected_calibration_error",
-        "reliability",
-    }
+    keys_of_each = (
+        "collection ways ways_used classes queries_per_episode metrics "
+        "expected_calibration_error reliability"
+    )
+    assert set(result) == set(keys_of_each.split())
     assert set(result["metrics"]) == set(METRICS)
     assert set(result["metrics"]["oscr"]) == {"mean", "std"}
     assert set(result["reliability"][0]) == {"share", "confidence", "accuracy"}

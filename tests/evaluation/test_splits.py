@@ -1,7 +1,5 @@
 """The splits file: what it gives and how it fails."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from pathlib import Path
@@ -27,7 +25,9 @@ def test_reads_the_parts_of_each_collection(tmp_path: Path) -> None:
     assert splits.names("a", "excluded", ["x"]) == ()
 
 
-def test_unknown_collection_and_missing_class_are_named(tmp_path: Path) -> None:
+def test_missing_file_unknown_collection_and_missing_class_are_named(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="cannot read the splits"):
+        read_splits(tmp_path / "none.json")
     splits = read_splits(write(tmp_path, {"a": {"train": ["x"]}}))
     with pytest.raises(UsageError, match=r"splits\.json: says nothing .* 'b', only about a"):
         splits.names("b", "train", ["x"])
@@ -51,11 +51,6 @@ def test_unknown_collection_and_missing_class_are_named(tmp_path: Path) -> None:
 def test_wrong_content_is_a_usage_error(tmp_path: Path, content: object, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         read_splits(write(tmp_path, content))
-
-
-def test_missing_file_is_a_usage_error(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="cannot read the splits"):
-        read_splits(tmp_path / "none.json")
 
 
 @given(st.binary(max_size=60))

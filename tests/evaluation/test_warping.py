@@ -1,7 +1,5 @@
 """Warping many pairs at once gives what warping each by the recurrence gives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

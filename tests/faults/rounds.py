@@ -7,8 +7,6 @@ After a round the store must be whole, hold all that was acknowledged, and nothi
 not, except the one thing that a killed process was about to do, which is there whole or not at all.
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import json

@@ -5,8 +5,6 @@ labels will hold if it succeeds, then `["ok"]`, or `["error", message]` where th
 A worker owns the labels that begin with its name, so that what they hold depends on it alone.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -3,8 +3,6 @@
 New inputs go to the first folder, as libFuzzer does it; the committed corpus is always read.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

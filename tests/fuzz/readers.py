@@ -6,8 +6,6 @@ that guard their content by checksums, or keep it in an archive, are also change
 that fit.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

@@ -3,8 +3,6 @@
 What fuzzing found since lies beside them under names that say what it was, and is kept.
 """
 
-from __future__ import annotations
-
 import json
 import sqlite3
 import sys

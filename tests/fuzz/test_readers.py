@@ -1,6 +1,4 @@
-"""Fuzzing: ten seconds for each reader with the tests, `FUZZ_SECONDS` with `make fuzz`."""
-
-from __future__ import annotations
+"""Fuzzing: four seconds for each reader with the tests, `FUZZ_SECONDS` with `make fuzz`."""
 
 import os
 import subprocess
@@ -14,7 +12,7 @@ from actioncli.errors import ActionCliError
 
 from .readers import CORPUS, READERS
 
-SECONDS = int(os.environ.get("FUZZ_SECONDS", "10"))
+SECONDS = int(os.environ.get("FUZZ_SECONDS", "4"))
 # What longer runs find is kept between them.
 KEPT = Path(__file__).parents[2] / ".fuzz"
 

@@ -1,7 +1,5 @@
 """Hands: where they are looked for, what is found of them, and how they are followed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

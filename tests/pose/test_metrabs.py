@@ -1,15 +1,16 @@
-from __future__ import annotations
-
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from actioncli.clips.clip import Clip
 from actioncli.clips.skeleton import LAYOUTS, default_columns
 from actioncli.errors import ClipError, WeightsError
-from actioncli.pose.metrabs import TERMS, PoseModel, load_model, read_metrabs_clip
+from actioncli.pose import ReadOptions, metrabs
+from actioncli.pose.metrabs import TERMS, PoseModel, load_model
+from actioncli.pose.read import read_any
 
 from .videos import number, numbered, write_video
 
@@ -137,7 +138,7 @@ def test_pytorch_release(release: Path, tmp_path: Path) -> None:
     model = load_model(release)
     assert set(model.joint_names) == set(SMPL)
     assert model.joint_names != SMPL  # in the order of the file
-    clip = read_metrabs_clip(moving(tmp_path), model, start=0)
+    clip = read_any(moving(tmp_path), ReadOptions(start=0, metrabs=release))
     assert clip.joints.shape == (20, 24, 3)
     assert clip.fps == pytest.approx(10, rel=1e-3)
     assert TERMS in clip.notes
@@ -149,28 +150,28 @@ def test_pytorch_release(release: Path, tmp_path: Path) -> None:
     )
 
 
-def test_another_release_is_told(release: Path) -> None:
-    np.savez(release / "joint_info.npz", joint_names=["a_coco"], joint_edges=[[0, 0]])
-    with pytest.raises(WeightsError, match="lacks pelv_smpl"):
-        load_model(release)
+def joint_info(names: object) -> Callable[[Path], object]:
+    """Replaces the names of a release."""
+    return lambda folder: np.savez(
+        folder / "joint_info.npz", joint_names=names, joint_edges=[[0, 0]]
+    )
 
 
-def test_a_pickled_network_is_not_read_but_told_how_to_turn(release: Path) -> None:
-    (release / "ckpt.safetensors").rename(release / "ckpt.pt")
-    with pytest.raises(WeightsError, match=r"is a pickle.*save_file"):
-        load_model(release)
-
-
-def test_a_damaged_network_is_told(release: Path) -> None:
-    (release / "ckpt.safetensors").write_bytes(b"damaged")
-    with pytest.raises(WeightsError, match="cannot be loaded"):
-        load_model(release)
-
-
-def test_pickles_are_not_read(release: Path) -> None:
-    (release / "joint_info.npz").unlink()
-    np.savez(release / "joint_info.npz", joint_names=np.array([object()]), joint_edges=[[0, 0]])
-    with pytest.raises(WeightsError, match="cannot be loaded"):
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (joint_info(["a_coco"]), "lacks pelv_smpl"),
+        (joint_info(np.array([object()])), "cannot be loaded"),
+        (lambda folder: (folder / "ckpt.safetensors").write_bytes(b"damaged"), "cannot be loaded"),
+        (lambda folder: (folder / "ckpt.safetensors").rename(folder / "ckpt.pt"),
+         r"is a pickle.*save_file"),
+    ],
+)  # fmt: skip
+def test_another_or_a_damaged_release_is_told(
+    release: Path, damage: Callable[[Path], object], message: str
+) -> None:
+    damage(release)
+    with pytest.raises(WeightsError, match=message):
         load_model(release)
 
 
@@ -207,20 +208,19 @@ def test_saved_model(tmp_path: Path) -> None:
     tensorflow.saved_model.save(Model(), str(tmp_path / "model"))
     model = load_model(tmp_path / "model")
     assert model.joint_names == names
-    clip = read_metrabs_clip(moving(tmp_path), model, start=0)
+    clip = read_any(moving(tmp_path), ReadOptions(start=0, metrabs=tmp_path / "model"))
     assert clip.joints.shape == (20, 30, 3)
     np.testing.assert_allclose(clip.joints[0, 29, :2], [-0.29, -0.87], rtol=0.05)
 
 
-def test_saved_model_without_tensorflow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_model_and_one_without_tensorflow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(WeightsError, match="is no MeTRAbs model"):
+        load_model(tmp_path)
     monkeypatch.setitem(sys.modules, "tensorflow", None)
     (tmp_path / "saved_model.pb").touch()
     with pytest.raises(WeightsError, match="needs TensorFlow"):
-        load_model(tmp_path)
-
-
-def test_no_model(tmp_path: Path) -> None:
-    with pytest.raises(WeightsError, match="is no MeTRAbs model"):
         load_model(tmp_path)
 
 
@@ -232,19 +232,41 @@ def people(image: np.ndarray) -> np.ndarray:
     return at if number(image) % 2 else at[::-1]
 
 
-def test_who_moves_most_is_followed(tmp_path: Path) -> None:
-    model = PoseModel(SMPL, people)
+def seen_by(
+    monkeypatch: pytest.MonkeyPatch, detect: Callable[[np.ndarray], np.ndarray]
+) -> Callable[..., Clip]:
+    """What reads a video with a model that sees this."""
+    monkeypatch.setattr(metrabs, "load_model", lambda folder: PoseModel(SMPL, detect))
+    return lambda path, **more: read_any(path, ReadOptions(metrabs=Path("model"), **more))
+
+
+def test_who_moves_most_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = seen_by(monkeypatch, people)
     path = write_video(tmp_path / "a.mp4", numbered(30), 10)
-    clip = read_metrabs_clip(path, model, start=0)
+    clip = read(path, start=0)
     assert (clip.joints[..., 0] < 0).all()  # right in the picture is smaller x
-    assert "followed person 2 of 2 from the left" in clip.notes
+    assert clip.confidence is None
+    assert "followed person 2 of 2 from the left, who moves most; --person chooses" in clip.notes
     with pytest.raises(ClipError, match="distinct frames"):
-        read_metrabs_clip(path, model, start=0, person=1)
+        read(path, start=0, person=1)
     with pytest.raises(ClipError, match="no person 3"):
-        read_metrabs_clip(path, model, person=3)
+        read(path, person=3)
 
 
-def test_nobody(tmp_path: Path) -> None:
-    model = PoseModel(SMPL, lambda image: np.zeros((0, 24, 3), np.float32))
+def test_who_was_gone_for_long_was_not_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def seen(image: np.ndarray) -> np.ndarray:
+        mover = people(image)[number(image) % 2 :][:1]
+        return mover[:0] if 9 <= number(image) <= 15 else mover
+
+    clip = seen_by(monkeypatch, seen)(write_video(tmp_path / "a.mp4", numbered(30), 10), start=0)
+    assert clip.confidence is not None
+    np.testing.assert_array_equal(np.flatnonzero(clip.confidence[:, 0] == 0), range(9, 16))
+    assert any("nobody was seen from 0.8 s to 1.6 s" in note for note in clip.notes)
+
+
+def test_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = seen_by(monkeypatch, lambda image: np.zeros((0, 24, 3), np.float32))
     with pytest.raises(ClipError, match="no person was found"):
-        read_metrabs_clip(write_video(tmp_path / "a.mp4", numbered(5)), model)
+        read(write_video(tmp_path / "a.mp4", numbered(5)))

@@ -1,11 +1,10 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
 
 from actioncli.errors import ClipError, UsageError
-from actioncli.pose.read import ReadOptions, is_video, read_any
+from actioncli.pose import ReadOptions
+from actioncli.pose.read import is_video, read_any
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "squat" / "ada.npz"
 

@@ -1,7 +1,5 @@
 """Videos for the tests: drawn ones, and frames of real clips."""
 
-from __future__ import annotations
-
 import struct
 import threading
 import time
@@ -97,6 +95,34 @@ def part(picture: Image | bytes, lie: int = 0) -> bytes:
     return head.encode() + content + b"\r\n"
 
 
+class Quiet(BaseHTTPRequestHandler):
+    """Answers, and writes no line about it."""
+
+    def do_GET(self) -> None:
+        self.answer()
+
+    def answer(self) -> None:
+        """To whatever is asked for."""
+        raise NotImplementedError
+
+    def log_message(self, *_: object) -> None:
+        """Nobody reads it."""
+
+
+@contextmanager
+def web_server(handler: type[BaseHTTPRequestHandler], port: int = 0) -> Iterator[str]:
+    """The address of a web server on this machine, in a thread."""
+    with ThreadingHTTPServer(("127.0.0.1", port), handler) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
 @contextmanager
 def answering(
     *answers: Iterable[bytes | float], kind: str = MULTIPART, port: int = 0
@@ -105,11 +131,8 @@ def answering(
     and again: bytes to send, and seconds to wait. Where there is none, it hangs up."""
     over, left = threading.Event(), list(answers)
 
-    class Server(BaseHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            """Nobody reads it."""
-
-        def do_GET(self) -> None:
+    class Server(Quiet):
+        def answer(self) -> None:
             if not left:
                 return
             answer = left.pop(0) if len(left) > 1 else left[0]
@@ -127,27 +150,19 @@ def answering(
             except (BrokenPipeError, ConnectionResetError):
                 return  # the viewer has gone
 
-    with ThreadingHTTPServer(("127.0.0.1", port), Server) as server:
-        server.daemon_threads = True
-        thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
-        thread.start()
+    with web_server(Server, port) as address:
         try:
-            yield f"http://127.0.0.1:{server.server_port}/"
+            yield address
         finally:
             over.set()
-            server.shutdown()
-            thread.join()
 
 
 @contextmanager
 def hosted(folder: Path) -> Iterator[str]:
     """The address of a folder on a web server, which answers for parts of files too."""
 
-    class Files(BaseHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            """Nobody reads it."""
-
-        def do_GET(self) -> None:
+    class Files(Quiet):
+        def answer(self) -> None:
             content = (folder / self.path.strip("/")).read_bytes()
             start = int(self.headers.get("Range", "bytes=0-").removeprefix("bytes=").split("-")[0])
             self.send_response(206)
@@ -161,50 +176,25 @@ def hosted(folder: Path) -> Iterator[str]:
             except OSError:
                 return  # the viewer has gone
 
-    with ThreadingHTTPServer(("127.0.0.1", 0), Files) as server:
-        server.daemon_threads = True
-        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_port}/"
-        server.shutdown()
-        thread.join()
+    with web_server(Files) as address:
+        yield address
 
 
 @contextmanager
 def streamed(images: Iterable[Image], fps: float, stall: float = 0.0) -> Iterator[str]:
-    """The address of a camera on this machine that sends JPEGs at their pace, as many cameras do.
+    """The address of a camera on this machine that sends JPEGs at their pace, once, as many
+    cameras do.
 
     Args:
         stall: seconds for which the connection stays open after the last image.
     """
-    over = threading.Event()
 
-    class Camera(BaseHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            """Nobody reads it."""
+    def sent() -> Iterator[bytes | float]:
+        begun = time.monotonic()
+        for n, image in enumerate(images):
+            yield part(image)
+            yield max(begun + (n + 1) / fps - time.monotonic(), 0)
+        yield stall
 
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-            self.end_headers()
-            begun = time.monotonic()
-            try:
-                for n, image in enumerate(images):
-                    picture = cv2.imencode(".jpg", image)[1].tobytes()
-                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}"
-                    self.wfile.write(head.encode() + b"\r\n\r\n" + picture + b"\r\n")
-                    over.wait(max(begun + (n + 1) / fps - time.monotonic(), 0))
-            except (BrokenPipeError, ConnectionResetError):
-                return  # the viewer has gone
-            over.wait(stall)
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Camera) as server:
-        server.daemon_threads = True
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}/"
-        finally:
-            over.set()
-            server.shutdown()
-            thread.join()
+    with answering(sent()) as address:
+        yield address

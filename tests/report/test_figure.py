@@ -2,23 +2,15 @@
 
 import numpy as np
 import pytest
+from clips.bodies import STANCE
 
 from actioncli import Clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS, HAND_JOINTS, LAYOUTS
 from actioncli.report.figure import figure, project
 
-# A body that stands and faces the sensor (metres): its left side at smaller x.
-STANDING = {
-    "pelv": (0, 0.95, 0), "lhip": (-0.1, 0.95, 0), "rhip": (0.1, 0.95, 0),
-    "lkne": (-0.1, 0.5, 0), "rkne": (0.1, 0.5, 0), "lank": (-0.1, 0.08, 0),
-    "rank": (0.1, 0.08, 0), "neck": (0, 1.45, 0), "head": (0, 1.65, 0),
-    "lsho": (-0.2, 1.45, 0), "rsho": (0.2, 1.45, 0), "lelb": (-0.25, 1.2, 0),
-    "relb": (0.25, 1.2, 0), "lwri": (-0.25, 0.95, -0.05), "rwri": (0.25, 0.95, -0.05),
-}  # fmt: skip
-
 
 def standing(frames: int = 5) -> np.ndarray:
-    joints = np.tile(np.array([STANDING[name] for name in DEFAULT_JOINTS], float), (frames, 1, 1))
+    joints = np.tile(np.array([STANCE[name] for name in DEFAULT_JOINTS], float), (frames, 1, 1))
     joints[:, DEFAULT_JOINTS.index("rwri"), 1] += np.linspace(0, 0.5, frames)
     return joints
 

@@ -1,5 +1,5 @@
 """The commands and the support set as the tests of the commands have them."""
 
-from cli.conftest import EXAMPLES, Invoke, filled, home, invoke, store
+from cli.conftest import EXAMPLES, filled, five, home, invoke, store
 
-__all__ = ["EXAMPLES", "Invoke", "filled", "home", "invoke", "store"]
+__all__ = ["EXAMPLES", "filled", "five", "home", "invoke", "store"]

@@ -1,7 +1,5 @@
 """Running what is hostile in a process of its own, with little memory and little time."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import textwrap

@@ -1,7 +1,5 @@
 """`watch --exec`: what a label holds never becomes part of a command."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

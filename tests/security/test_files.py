@@ -2,8 +2,6 @@
 bounded time and memory. Damage by chance is in `tests/clips/test_damage.py`, what nobody thought
 of in `tests/fuzz`."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -18,14 +16,7 @@ import numpy as np
 import pytest
 from fuzz.readers import READERS, _pack_weights, _with_zeros
 
-from actioncli import (
-    Clip,
-    ClipError,
-    Recognizer,
-    WeightsError,
-    read_clip,
-    read_collection,
-)
+from actioncli import Clip, ClipError, Recognizer, WeightsError, read_clip, read_collection
 from actioncli.clips.prepare import Preparation
 from actioncli.errors import ActionCliError
 from actioncli.model.config import ModelConfig, config_to_json
@@ -254,7 +245,6 @@ def test_weights_are_finite_numbers(tmp_path: Path, value: float) -> None:
         read_weights(file)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
 @pytest.mark.parametrize("name", READERS)
 def test_a_pipe_keeps_nobody_waiting(tmp_path: Path, name: str) -> None:
     pipe = tmp_path / f"a{READERS[name].suffix}"

@@ -1,8 +1,6 @@
 """Folders that others may write: links that they lay are not followed, and what holds somebody's
 movements is private."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path
@@ -14,6 +12,7 @@ from clips.bodies import waving
 from actioncli import Clip
 from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.clips.write import write_clip
+from actioncli.errors import UsageError
 from actioncli.live.events import Event
 from actioncli.live.recorder import Recorder, kept_clips
 from actioncli.model.config import ModelConfig
@@ -22,22 +21,9 @@ from actioncli.pose import cache
 from actioncli.pose.poses import Poses
 from actioncli.recognition.threshold import Threshold
 from actioncli.report.calibration import FIGURES, PAGE, write_folder
-
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and modes are others here")
+from tests.pose.test_cache import poses
 
 CLIP = Clip(waving(12), DEFAULT_JOINTS, 4.0)
-
-
-def some_poses() -> Poses:
-    return Poses(
-        times=np.arange(4.0),
-        world=np.ones((4, 33, 3), np.float32),
-        visibility=np.ones((4, 33), np.float32),
-        points=np.ones((4, 33, 2), np.float32),
-        frames=np.arange(4.0),
-        size=(96, 64),
-        notes=("a",),
-    )
 
 
 @pytest.fixture
@@ -60,16 +46,16 @@ def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_linked_cache_is_not_used(shared: Path, precious: Path) -> None:
     (shared / "poses").symlink_to(precious)
-    cache.keep("key", some_poses())
+    cache.keep("key", poses())
     assert [path.name for path in precious.iterdir()] == ["thesis.npz"]
     assert stat.S_IMODE(precious.stat().st_mode) == 0o755
     np.savez(precious / "key.npz", times=np.zeros(3))
     assert cache.load("key") is None
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root can give it away")
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give it away")
 def test_a_cache_of_somebody_else_is_not_believed(shared: Path) -> None:
-    cache.keep("key", some_poses())
+    cache.keep("key", poses())
     assert cache.load("key") is not None
     os.chown(shared / "poses", 65534, 65534)
     assert cache.load("key") is None
@@ -77,7 +63,7 @@ def test_a_cache_of_somebody_else_is_not_believed(shared: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["flipped", "cut", "other"])
 def test_a_damaged_cache_is_no_cache(shared: Path, damage: str) -> None:
-    cache.keep("key", some_poses())
+    cache.keep("key", poses())
     file = shared / "poses" / "key.npz"
     content = file.read_bytes()
     rng = np.random.default_rng(0)
@@ -98,7 +84,7 @@ def test_a_damaged_cache_is_no_cache(shared: Path, damage: str) -> None:
 def test_the_cache_is_private_whatever_the_umask(shared: Path) -> None:
     old = os.umask(0)
     try:
-        cache.keep("key", some_poses())
+        cache.keep("key", poses())
     finally:
         os.umask(old)
     assert stat.S_IMODE((shared / "poses").stat().st_mode) == 0o700
@@ -140,8 +126,6 @@ def test_links_under_the_names_of_outputs_are_replaced(shared: Path, precious: P
 
 
 def test_a_description_that_is_a_bomb_is_damage(shared: Path) -> None:
-    from actioncli.errors import UsageError
-
     (shared / "0001_a.npz").write_bytes(b"x")
     for content in ("[" * 100_000, '{"label": "%s"}' % ("a" * 10**7), "[1e999]"):
         (shared / "0001_a.json").write_text(content)

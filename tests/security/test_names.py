@@ -1,20 +1,25 @@
 """Names that are no UTF-8: a file from another system, or from somebody who means harm."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
 import pytest
+from starlette.requests import Request
 
 import actioncli
 from actioncli import SupportSet, SupportStore, read_clip
+from actioncli.archives.batch import Task
+from actioncli.archives.results import Results, storable
+from actioncli.clips.write import write_clip
 from actioncli.pose.frames import VideoFile
 from actioncli.pose.mp4 import mp4_writer
+from actioncli.studio.app import Studio
+from actioncli.studio.review import Review
+from actioncli.studio.upload_folder import UploadFolder
 from tests.cli.test_evaluate import toys
 from tests.pose.videos import number, numbered, write_video
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 __all__ = ["toys"]
 
@@ -44,9 +49,7 @@ def test_videos_are_read_and_written(odd: Path) -> None:
     assert len(list(VideoFile(odd / "b.mp4").frames())) == 8
 
 
-def test_a_clip_is_enrolled_explained_and_shown(
-    odd: Path, invoke: Invoke, filled: SupportStore
-) -> None:
+def test_a_clip_is_enrolled_explained_and_shown(odd: Path, filled: SupportStore) -> None:
     clip = odd / f"{ODD}.npz"
     clip.write_bytes((EXAMPLES / "squat/ben.npz").read_bytes())
     page = odd / f"{ODD}.html"
@@ -64,8 +67,6 @@ def test_a_clip_is_enrolled_explained_and_shown(
 
 @pytest.mark.parametrize("kind", ["npz", "json", "csv", "trc"])
 def test_a_clip_is_written_and_read_back(odd: Path, kind: str) -> None:
-    from actioncli.clips.write import write_clip
-
     clip = odd / f"{ODD}.npz"
     clip.write_bytes((EXAMPLES / "squat/ben.npz").read_bytes())
     file = odd / f"written.{kind}"
@@ -73,7 +74,7 @@ def test_a_clip_is_written_and_read_back(odd: Path, kind: str) -> None:
     assert len(read_clip(file, up="y")) == len(read_clip(clip))
 
 
-def test_a_collection_is_evaluated(odd: Path, invoke: Invoke, toys: Path) -> None:
+def test_a_collection_is_evaluated(odd: Path, toys: Path) -> None:
     collection = odd / f"{ODD}.npz"
     collection.write_bytes((toys / "one.npz").read_bytes())
     figures = odd / "figures.json"
@@ -87,9 +88,6 @@ def test_a_collection_is_evaluated(odd: Path, invoke: Invoke, toys: Path) -> Non
 
 def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
     pytest.importorskip("pyarrow", reason="needs the extra `ray`")
-    from actioncli.archives.batch import Task
-    from actioncli.archives.results import Results, storable
-
     squat = {"squat": [read_clip(EXAMPLES / "squat/ada.npz")]}
     task = Task(SupportSet.from_clips(squat, tau=0.5))
     # Beside one whose name says in so many characters what the other's is told as.
@@ -108,13 +106,6 @@ def test_an_archive_is_classified(odd: Path, filled: SupportStore) -> None:
 
 
 def test_pages_serve_a_support_set(odd: Path) -> None:
-    pytest.importorskip("starlette", reason="needs the extra `studio`")
-    from starlette.requests import Request
-
-    from actioncli.studio.app import Studio
-    from actioncli.studio.review import Review
-    from actioncli.studio.upload_folder import UploadFolder
-
     actions = actioncli.open(odd / f"{ODD}.db")
     actions.store.enroll("squat", read_clip(EXAMPLES / "squat/ada.npz"))
     uploads = UploadFolder()

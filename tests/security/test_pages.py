@@ -1,7 +1,5 @@
 """Pages and tables of reports: labels and names in them stay text."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Iterator
@@ -17,7 +15,7 @@ from actioncli.clips.skeleton import DEFAULT_JOINTS
 from actioncli.report.calibration import write_csv
 from tests.browsing import ask
 
-from .conftest import EXAMPLES, Invoke
+from .conftest import EXAMPLES, invoke
 
 EVIL = [
     "</script><script>window.pwned=1</script>",
@@ -65,16 +63,14 @@ def hostile(store: SupportStore, tmp_path: Path) -> Path:
     return query
 
 
-def pages(invoke: Invoke, hostile: Path, folder: Path) -> Iterator[Path]:
+def pages(hostile: Path, folder: Path) -> Iterator[Path]:
     invoke("classify", hostile, "--explain", folder / "why.html")
     yield folder / "why.html"
     invoke("calibrate", "--report", folder / "calibrated")
     yield folder / "calibrated" / "index.html"
 
 
-def test_no_label_runs_in_a_page(
-    browser: Browser, invoke: Invoke, hostile: Path, tmp_path: Path
-) -> None:
+def test_no_label_runs_in_a_page(browser: Browser, hostile: Path, tmp_path: Path) -> None:
     for page in pages(invoke, hostile, tmp_path):
         text = page.read_text(encoding="utf-8")
         assert "window.pwned=1" in text

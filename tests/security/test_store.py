@@ -1,9 +1,6 @@
 """A store that somebody else made, or made a trap around."""
 
-from __future__ import annotations
-
 import json
-import os
 import re
 import sqlite3
 from collections.abc import Callable
@@ -102,11 +99,7 @@ def test_a_label_that_nobody_could_enrol_goes_nowhere(kept: SupportStore, label:
             "UPDATE examples SET seal = seal(id, label, negative, source, note, added, checksum)"
         )
         db.commit()
-    for use in (
-        kept.actions,
-        kept.examples,
-        lambda: SupportSet.load(kept, recognizer),
-    ):
+    for use in (kept.actions, kept.examples, lambda: SupportSet.load(kept, recognizer)):
         with pytest.raises(StoreError, match="label") as error:
             use()
         assert str(error.value).isprintable()
@@ -130,7 +123,6 @@ def test_a_blob_beyond_every_example_is_not_read(kept: SupportStore) -> None:
         kept.support()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="links need no rights here only")
 def test_no_link_is_followed_from_the_stores_folder(tmp_path: Path) -> None:
     """In a folder that others may write, they can lay links under names that they can guess."""
     folder = tmp_path / "shared"

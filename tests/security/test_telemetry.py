@@ -1,7 +1,5 @@
 """Nothing of this computer is told to anybody: libraries that would are kept from it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

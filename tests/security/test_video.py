@@ -1,50 +1,40 @@
 """Hostile videos: they open nothing but themselves, and take little memory."""
 
-from __future__ import annotations
-
 import os
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, HTTPServer
+from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
 from actioncli import ClipError
 from actioncli.pose.frames import VideoFile
-from actioncli.pose.video import read_video_clip
+from actioncli.pose.read import read_clip
+from tests.pose.videos import Quiet, web_server
 
 from .limits import run_limited
 
 
+@dataclass
 class Listener:
-    """A web server that notes what it is asked for."""
+    """Where a web server is, and what it is asked for."""
 
-    def __init__(self) -> None:
-        asked: list[str] = []
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                asked.append(self.path)
-                self.send_error(404)
-
-            def log_message(self, *_: object) -> None:
-                """Tests are quiet."""
-
-        self.asked = asked
-        self.server = HTTPServer(("127.0.0.1", 0), Handler)
-        self.address = f"127.0.0.1:{self.server.server_port}"
+    address: str
+    asked: list[str]
 
 
 @pytest.fixture
 def listener() -> Iterator[Listener]:
-    made = Listener()
-    thread = threading.Thread(target=made.server.serve_forever)
-    thread.start()
-    yield made
-    made.server.shutdown()
-    thread.join()
-    made.server.server_close()
+    asked: list[str] = []
+
+    class Server(Quiet):
+        def answer(self) -> None:
+            asked.append(self.path)
+            self.send_error(404)
+
+    with web_server(Server) as address:
+        yield Listener(urlsplit(address).netloc, asked)
 
 
 def playlists(address: str) -> dict[str, str]:
@@ -67,11 +57,10 @@ def test_a_playlist_in_a_video_opens_no_connection(tmp_path: Path, listener: Lis
         file = tmp_path / name
         file.write_text(content)
         with pytest.raises(ClipError, match="not a video"):
-            read_video_clip(file, cache=False)
+            read_clip(file, cache=False)
     assert listener.asked == []
 
 
-@pytest.mark.skipif(os.name != "posix", reason="such names are not possible")
 @pytest.mark.parametrize("scheme", ["http:", "async:http:", "cache:http:", "tcp:", "concat:"])
 def test_a_name_like_an_address_is_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listener: Listener, scheme: str
@@ -115,7 +104,6 @@ def test_frames_of_gigabytes_are_refused(tmp_path: Path) -> None:
     assert not any(line.endswith("read") for line in found)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
 def test_a_pipe_keeps_nobody_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mp4")
     with pytest.raises(ClipError, match="not a regular file"):

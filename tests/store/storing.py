@@ -1,7 +1,5 @@
 """What the tests of the store share: small clips, and children that can be killed or demoted."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3

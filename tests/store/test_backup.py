@@ -1,7 +1,5 @@
 """The copy beside the store follows what is committed, and holds nothing that was removed."""
 
-from __future__ import annotations
-
 import os
 import stat
 import subprocess

@@ -1,7 +1,5 @@
 """Embeddings: written by who enrols, read by who asks, never stale, never in the way."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """Transactions: faults of the disk, of other programs and of the file itself."""
 
-from __future__ import annotations
-
 import resource
 import sqlite3
 from collections import deque

@@ -1,10 +1,7 @@
 """Where the store lies, and who can read it."""
 
-from __future__ import annotations
-
 import os
 import stat
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,7 +25,6 @@ def test_an_explicit_path_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert store_path("a.db") == tmp_path / "a.db"
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the folder differs between systems")
 def test_the_users_data_folder_is_the_default(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,7 +1,5 @@
 """The schema: created once, recognised, brought up to date, never guessed at."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whatever is done in whatever order: the store holds what a dictionary would."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path
@@ -128,7 +126,5 @@ class StoreModel(RuleBasedStateMachine):
 
 TestStoreModel = StoreModel.TestCase
 TestStoreModel.settings = settings(
-    max_examples=cases(30),
-    stateful_step_count=20,
-    suppress_health_check=[HealthCheck.too_slow],
+    max_examples=cases(30), stateful_step_count=20, suppress_health_check=[HealthCheck.too_slow]
 )

@@ -1,7 +1,5 @@
 """An example as bytes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Repair: what comes back is what was enrolled, what can be read or was copied comes back, what is
 gone is said."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

@@ -1,11 +1,7 @@
 """The support set: enrolling, listing, removing, renaming."""
 
-from __future__ import annotations
-
 import contextlib
 import re
-import subprocess
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,14 +10,6 @@ from storing import alter, make_clip, same
 
 from actioncli.errors import ClipError, StoreError, SupportError, UsageError
 from actioncli.store.store import Action, Inserted, SupportStore
-
-ASK = """
-import sys
-from actioncli.store.store import SupportStore
-print([action.label for action in SupportStore(sys.argv[1]).actions()])
-heavy = {"numpy", "torch", "cv2", "onnxruntime", "platformdirs", "hashlib"} & sys.modules.keys()
-assert not heavy, heavy
-"""
 
 
 def test_a_clip_comes_back_bit_for_bit(store: SupportStore) -> None:
@@ -190,13 +178,3 @@ def test_columns_of_another_kind_are_damage(
     assert not (tmp_path / "out").exists()
     store.clear()
     assert store.check() == []
-
-
-@pytest.mark.usefixtures("unmeasured")
-def test_listing_imports_nothing_heavy(store: SupportStore) -> None:
-    store.enroll("wave", make_clip(0))
-    listing = subprocess.run(
-        [sys.executable, "-c", ASK, str(store.path)], capture_output=True, text=True, check=False
-    )
-    assert listing.stderr == ""
-    assert listing.stdout == "['wave']\n"

@@ -1,7 +1,5 @@
 """Stores of every schema that was ever shipped: today's code opens them, and decides the same."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """One studio for all tests here, with an empty support set for each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,12 +1,10 @@
 """A page on a real port, and a client that speaks to it as the page does."""
 
-from __future__ import annotations
-
 import http.client
 import json
+import socket
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +13,14 @@ from urllib.parse import parse_qs, urlencode, urlsplit
 
 from starlette.applications import Starlette
 
+from actioncli import read_clip
+from actioncli.live.events import Event
+from actioncli.live.recorder import Recorder
+from actioncli.recognition.threshold import Threshold
 from actioncli.studio.server import Server
+from tests.live.servers import until
+
+__all__ = ["EXAMPLES", "Client", "record", "serving", "until"]
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -90,6 +95,15 @@ class Client:
         read: dict[str, Any] = self.get(f"/api/clips/{number}")
         return read
 
+    def begin_upload(self, *headers: str) -> socket.socket:
+        """Send the beginning of a video whose content is still to come."""
+        raw = socket.create_connection(("127.0.0.1", self.port), timeout=60)
+        sent = {**self.headers, "Host": f"127.0.0.1:{self.port}"}
+        lines = [f"{name}: {value}" for name, value in sent.items()]
+        start = ["POST /api/clips?name=film.mp4 HTTP/1.1", *lines, *headers, "", ""]
+        raw.sendall("\r\n".join(start).encode())
+        return raw
+
     def enroll(self, file: Path, label: str, negative: bool = False) -> Any:
         """Send a file and keep it."""
         sent = self.send(file)
@@ -100,12 +114,13 @@ class Client:
         return answer
 
 
-def until(done: Callable[[], object], seconds: float = 60) -> None:
-    """Wait; fails where it does not come."""
-    deadline = time.monotonic() + seconds
-    while not done() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert done()
+def record(folder: Path, *labels: str) -> None:
+    """Fill a folder as `watch --record` does, with an event of each label."""
+    recorder = Recorder(folder, Threshold(0.5, ""), "camera 0")
+    for n, label in enumerate(labels):
+        clip = read_clip(EXAMPLES / "squat/ada.npz")
+        event = Event(label, 0.1 * n, clip.duration, 0.6)
+        recorder.update(clip, clip.duration, [], [event], False)
 
 
 @contextmanager

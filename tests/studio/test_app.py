@@ -1,10 +1,7 @@
 """What the studio's page can ask for."""
 
-from __future__ import annotations
-
 import errno
 import http.client
-import socket
 import threading
 import time
 from pathlib import Path
@@ -27,16 +24,6 @@ def left_behind(studio: Studio) -> list[Path]:
 def nothing_left(studio: Studio) -> None:
     """What ends a request ends it in its own time."""
     until(lambda: not left_behind(studio))
-
-
-def begin_post(client: Client, *headers: str) -> socket.socket:
-    """A request whose body is still to come."""
-    raw = socket.create_connection(("127.0.0.1", client.port), timeout=60)
-    sent = {**client.headers, "Host": f"127.0.0.1:{client.port}"}
-    lines = [f"{name}: {value}" for name, value in sent.items()]
-    start = ["POST /api/clips?name=film.mp4 HTTP/1.1", *lines, *headers, "", ""]
-    raw.sendall("\r\n".join(start).encode())
-    return raw
 
 
 def test_enrolled_classified_and_rejected_as_the_commands_do(
@@ -204,7 +191,7 @@ def test_a_file_of_the_wrong_kind_is_refused_and_named(
 
 
 def test_what_is_too_large_is_refused_before_it_is_read(client: Client, studio: Studio) -> None:
-    with begin_post(client, f"Content-Length: {5 * 10**9}") as raw:
+    with client.begin_upload(f"Content-Length: {5 * 10**9}") as raw:
         response = http.client.HTTPResponse(raw)
         response.begin()
         assert response.status == 413
@@ -219,7 +206,7 @@ def test_what_does_not_announce_its_size_is_cut_off(
 ) -> None:
     monkeypatch.setattr(studio, "limit", 300_000)
     sent = 0
-    with begin_post(client, "Transfer-Encoding: chunked") as raw:
+    with client.begin_upload("Transfer-Encoding: chunked") as raw:
         try:
             for _ in range(1000):
                 raw.sendall(b"10000\r\n" + bytes(0x10000) + b"\r\n")
@@ -232,7 +219,7 @@ def test_what_does_not_announce_its_size_is_cut_off(
 
 
 def test_a_tab_that_is_closed_while_it_sends_leaves_nothing(client: Client, studio: Studio) -> None:
-    with begin_post(client, "Content-Length: 1000000") as raw:
+    with client.begin_upload("Content-Length: 1000000") as raw:
         raw.sendall(bytes(200_000))
         until(lambda: left_behind(studio))
         (file,) = left_behind(studio)

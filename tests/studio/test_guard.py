@@ -1,7 +1,6 @@
 """Who may talk to a local page."""
 
-from __future__ import annotations
-
+import resource
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -127,7 +126,6 @@ def test_nothing_else_is_taken_for_the_token(served: tuple[object, str], given_:
 @pytest.fixture
 def many_files() -> Iterator[None]:
     """Room for both ends of many connections in one process."""
-    resource = pytest.importorskip("resource")
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     if 0 <= before[1] < 2048:
         pytest.skip("needs 2,048 open files")

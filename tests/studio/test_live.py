@@ -1,7 +1,5 @@
 """A camera of the browser, without the browser: pictures over a WebSocket."""
 
-from __future__ import annotations
-
 import json
 import struct
 import time

@@ -1,13 +1,10 @@
 """The studio in a real browser."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re
 import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import cv2
@@ -22,7 +19,7 @@ from actioncli.recognition.threshold import kept_threshold
 from actioncli.studio.app import Studio
 from actioncli.studio.server import Server
 from tests.browsing import DESKTOP, FILM, PHONE, check, enroll, opened, send
-from tests.pose.videos import answering, part
+from tests.pose.videos import Quiet, answering, part, web_server
 
 from .serving import EXAMPLES, Client, serving, until
 
@@ -290,30 +287,23 @@ def test_another_server_of_this_machine_never_sees_the_token(
     expect(lead).to_be_visible()
     seen: list[str] = []
 
-    class Other(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
+    class Other(Quiet):
+        def answer(self) -> None:
             seen.append(f"{self.requestline}\n{self.headers}")
             self.send_response(200)
             self.send_header("Content-Type", "text/html")
             self.end_headers()
-            image = f"<img src='http://127.0.0.1:{other.server_port}/again'>"
+            image = f"<img src='{other}again'>"
             self.wfile.write(f"<!doctype html><title>other</title>{image}".encode())
 
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Other) as other:
-        thread = threading.Thread(target=other.serve_forever)
-        thread.start()
+    with web_server(Other) as other:
         visitor = context.new_page()
         for host in ("127.0.0.1", "localhost"):
-            visitor.goto(f"http://{host}:{other.server_port}/")
+            visitor.goto(other.replace("127.0.0.1", host))
         # From the studio's own tab, which keeps the token, and by its link back.
-        tab.goto(f"http://127.0.0.1:{other.server_port}/from-the-studio")
+        tab.goto(f"{other}from-the-studio")
         tab.go_back()
         expect(lead).to_be_visible()
-        other.shutdown()
-        thread.join()
     assert any("from-the-studio" in request for request in seen)
     assert client.token not in "".join(seen)
     assert context.cookies() == []

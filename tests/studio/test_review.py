@@ -1,7 +1,5 @@
 """The page of `review`: recorded clips, decided on by a click or a key."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +11,10 @@ from playwright.sync_api import Browser, expect
 import actioncli
 from actioncli import SupportStore, read_clip
 from actioncli.clips.write import write_clip
-from actioncli.live.events import Event
-from actioncli.live.recorder import Recorder
-from actioncli.recognition.threshold import Threshold
 from actioncli.studio.review import Review
 from tests.browsing import DESKTOP, PHONE, check, opened
 
-from .serving import EXAMPLES, Client, serving
+from .serving import EXAMPLES, Client, record, serving
 
 LABELS = ("squat", "wave", "bow", "</b> kick")
 
@@ -28,11 +23,7 @@ LABELS = ("squat", "wave", "bow", "</b> kick")
 def folder(tmp_path: Path) -> Path:
     """What `watch --record` filled, with four events."""
     folder = tmp_path / "seen"
-    recorder = Recorder(folder, Threshold(0.5, ""), "camera 0")
-    for n, label in enumerate(LABELS):
-        clip = read_clip(EXAMPLES / "squat/ada.npz")
-        event = Event(label, 0.1 * n, clip.duration, 0.6)
-        recorder.update(clip, clip.duration, [], [event], False)
+    record(folder, *LABELS)
     return folder
 
 

@@ -1,7 +1,5 @@
 """Where uploads lie, and what is deleted of what lies there."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path
@@ -91,7 +89,6 @@ def test_links_are_refused_and_an_empty_folder_is_used(cache: Path, tmp_path: Pa
         UploadFolder()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs users with numbers")
 def test_a_folder_of_another_user_is_refused(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     open_and_close()
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)

@@ -1,7 +1,5 @@
 """Uploaded clips: read, cancelled, dropped."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +9,7 @@ import pytest
 
 from actioncli import ClipError, Recognizer
 from actioncli.errors import SupportError
-from actioncli.pose.read import ReadOptions
+from actioncli.pose import ReadOptions
 from actioncli.studio import uploads as module
 from actioncli.studio.uploads import Uploads, check_kind
 from tests.pose.videos import write_video

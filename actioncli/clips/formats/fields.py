@@ -27,13 +27,21 @@ METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 # Values a frame of MediaPipe's pose landmarks (x, y, z, visibility each), alone or before those
 # of the left and the right hand (x, y, z), or of face and hands.
 _POSE, _HANDS, _FACE = 33 * 4, 2 * 21 * 3, 468 * 3
+_HIPS = slice(23, 25)
+# Measured on signs, they decide as places in space do; see `NOT_3D` for what has no depth.
+_IN_PICTURE = (
+    "MediaPipe's landmarks in the picture: their depth is rough and the picture's proportions are "
+    "not known; its world landmarks, or the video, are better"
+)
 _LANDMARKS = (_POSE, _POSE + _HANDS, _POSE + _FACE + _HANDS)
 # Confidence beyond 1 that is rounding, and steps such as those of Kinects.
 _ROUNDED, _MOST_STEPS = 1.05, 3
 T = TypeVar("T")
 
 
-def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = True) -> Recording:
+def from_fields(
+    fields: Mapping[str, NDArray[Any]], where: str, named: bool = True, landmarks: bool = False
+) -> Recording:
     """A recording from positions and what may stand beside them.
 
     Args:
@@ -41,6 +49,7 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = Tr
             `up`, `confidence` (T, J) or (T, P, J).
         where: the file, for messages.
         named: whether the fields have names in the file.
+        landmarks: whether they may be MediaPipe's, in the picture.
 
     Raises:
         ClipError: positions are absent, or a field has the wrong type or shape.
@@ -51,9 +60,12 @@ def from_fields(fields: Mapping[str, NDArray[Any]], where: str, named: bool = Tr
     values = np.asarray(fields[key])
     if values.ndim == 2 and values.shape[1] in _LANDMARKS and values.dtype.kind in "iuf":
         joints, seen = _landmarks(values)
-        return from_fields({"confidence": seen, **fields, key: joints}, where, named)
+        return from_fields({"confidence": seen, **fields, key: joints}, where, named, True)
     positions = to_people(values, f"{where} ({key})" if named else where)
     confidence, notes = _confidence(fields, positions, where)
+    if landmarks and positions.shape[2] in (33, 75):
+        positions, told = _from_picture(positions)
+        notes += told
 
     def one(key: str, kinds: str, what: str, convert: Callable[[Any], T]) -> T | None:
         if key not in fields:
@@ -89,6 +101,21 @@ def _landmarks(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return np.concatenate([pose[..., :3], hands], 1), np.concatenate([pose[..., 3], seen], 1)
 
 
+def _from_picture(positions: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """MediaPipe's landmarks (T, P, J, 3) in a picture, with its corners at 0 and 1, from where the
+    hips are; those in space are so already."""
+    hips = positions[:, :, _HIPS].mean(axis=2)
+    hips = hips[np.isfinite(hips).all(axis=2) & hips.any(axis=2)]
+    if not len(hips):
+        return positions, ()
+    across, down, depth = middle = np.median(hips, axis=0)
+    if max(across, down) < 0.1 or not (0 <= across <= 1 and 0 <= down <= 1.5) or abs(depth) > 0.2:
+        return positions, ()
+    # Who was not found stays zero.
+    moved = np.where(positions.any(axis=3, keepdims=True), positions - middle, 0)
+    return np.asarray(moved, np.float32), (_IN_PICTURE,)
+
+
 def in_small_letters(fields: Mapping[str, T]) -> dict[str, T]:
     """Fields by the names that are looked for, however they are spelt."""
     known = {*POSITIONS, *METADATA, "frames"}
@@ -117,19 +144,9 @@ def to_people(values: NDArray[Any], where: str) -> FloatArray:
     if values.ndim == 3:
         values = values[:, None]
     if values.ndim != 4 or values.shape[3] != 3 or 0 in values.shape:
-        hint = ""
-        if 2 in given[-1:]:
-            hint = " Positions in the image (2D) are not enough."
-        elif len(given) == 5 and given[1] == 3:
-            hint = (
-                " This is the order of NTU RGB+D arrays (clips, coordinates, frames, joints, "
-                "people); one clip is: numpy.save('clip.npy', a[0].transpose(1, 3, 2, 0))"
-            )
-        elif 4 in given[-1:]:
-            hint = " Save x, y and z alone, a fourth number as `confidence` (.npz, .json)."
         raise ClipError(
             f"{where}: joint positions must be (frames, joints, 3), (frames, joints x 3) or "
-            f"(frames, people, joints, 3), not {given}.{hint}"
+            f"(frames, people, joints, 3), not {given}.{_hint(given)}"
         )
     if values.size > LARGEST_CLIP:
         raise ClipError(
@@ -140,6 +157,26 @@ def to_people(values: NDArray[Any], where: str) -> FloatArray:
         positions = np.ascontiguousarray(values, dtype=np.float32)
     check_range(positions, where)
     return positions
+
+
+def _hint(shape: tuple[int, ...]) -> str:
+    """What an array of a shape that is not read may be, and the way on."""
+    if len(shape) in (4, 5) and shape[-4] == 3 and shape[-1] <= 2:
+        first = "a[0]" if len(shape) == 5 else "a"
+        order, one = "coordinates, frames, joints, people", f"{first}.transpose(1, 3, 2, 0)"
+    elif len(shape) == 3 and shape[-1] == 150:
+        order, one = "frames, people x joints x coordinates", "a[0].reshape(-1, 2, 25, 3)"
+    elif 2 in shape[-1:]:
+        return " Positions in the image (2D) are not enough."
+    elif 4 in shape[-1:]:
+        return " Save x, y and z alone, a fourth number as `confidence` (.npz, .json)."
+    else:
+        return ""
+    clips = "" if len(shape) == 4 else "clips, "
+    return (
+        f" This is the order of NTU RGB+D arrays ({clips}{order}); one clip is: "
+        f"numpy.save('clip.npy', {one})"
+    )
 
 
 def _names(fields: Mapping[str, NDArray[Any]], where: str) -> tuple[str, ...] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +36,11 @@ def read(file: Path) -> Recording:
     Positions stand under `poses3d` or `joints`, or are the whole file, as nested lists in one
     of the shapes of `fields.to_people`; with a varying number of people per frame too. They
     may also be a list of frames (or stand under `frames`), each with `poses3d` or `joints`, or
-    each a mapping of joint names to [x, y, z] or {"x":, "y":, "z":}, as it is or under
-    `keypoints`; or hold MediaPipe's `world_landmarks` or `landmarks`; or be those of Azure
-    Kinect's offline processor, with `bodies`. null is a missing number.
+    with points, or with a list of points for each of several people: a mapping of joint names to
+    points, or a list of points that may have names, as it is or under `keypoints3D`, `keypoints`,
+    or MediaPipe's `world_landmarks` or `landmarks`. A point is [x, y, z], with or without a
+    confidence, or {"x":, "y":, "z":}. Or frames are those of Azure Kinect's offline processor, with
+    `bodies`. null is a missing number.
 
     Raises:
         ClipError: it is not JSON, or holds something else.
@@ -46,36 +48,42 @@ def read(file: Path) -> Recording:
     content = _load(file)
     fields: dict[str, Any] = {}
     poses = content
-    one = content[0] if isinstance(content, list) and content else content
-    if isinstance(one, dict) and (_mark_of_2d(one) or _of_coco(one)):
-        raise ClipError(f"{file}: {NOT_3D}")
     if isinstance(content, dict):
-        content = in_small_letters(content)
-        key = next((key for key in (*POSITIONS, "frames") if key in content), None)
+        poses = in_small_letters(content)
+        fields = {name: poses[name] for name in METADATA if poses.get(name) is not None}
+        key = _key(poses, (*POSITIONS, "frames", *_POINTS))
         if key is None:
-            raise ClipError(f"{file}: holds {listed(content)}; a clip needs poses3d or joints.")
-        fields = {name: content[name] for name in METADATA if content.get(name) is not None}
-        poses = content[key]
+            _refuse_2d(content, file)
+            raise ClipError(f"{file}: holds {listed(poses)}; a clip needs poses3d or joints.")
+        poses = poses[key]
     if not isinstance(poses, list) or not poses:
         raise ClipError(f"{file}: positions must be a list of frames.")
     frames: list[Any] = poses
+    first = next(filter(None, frames), None)
     if all(isinstance(frame, dict) for frame in frames):
-        if any(map(_mark_of_2d, frames)):
-            raise ClipError(f"{file}: {NOT_3D}")
         rate = _rate(frames)
         if rate is not None:
             fields.setdefault("fps", rate)
-        tool = next((tool for key, tool in _TOOLS.items() if key in frames[0]), None)
-        if tool is not None:
-            frames, stated = tool(frames)
-            fields = stated | fields
-        else:
-            frames, names = _from_mappings(frames, file)
-            if names is not None:
-                fields.setdefault("joint_names", names)
-    positions = _nested(frames, file)
-    arrays = {name: _as_array(name, value, file) for name, value in fields.items()}
-    return from_fields({POSITIONS[0]: positions, **arrays}, str(file))
+        key = _key(first or {}, (*POSITIONS, "bodies", *_POINTS))
+        if key is not None:
+            frames = [frame.get(key) for frame in frames]
+        if key == "keypoints":
+            _refuse_2d(content, file)
+        elif key == "bodies":  # Azure Kinect's
+            fields = {"unit": "mm", "up": "-y"} | fields
+            frames = [
+                [body.get("joint_positions") for body in people if isinstance(body, dict)]
+                for people in frames
+                if isinstance(people, list)
+            ]
+    positions, named = _from_points(frames, content, file)
+    if positions is None:
+        positions = _nested(frames, file)
+        if positions.ndim > 2 and positions.shape[-1] == 4:
+            positions, seen = positions[..., :3], positions[..., 3]
+            named = {"confidence": seen}
+    arrays = {name: _as_array(name, value, file) for name, value in (named | fields).items()}
+    return from_fields({POSITIONS[0]: positions, **arrays}, str(file), landmarks=True)
 
 
 def _load(file: Path) -> Any:
@@ -102,24 +110,28 @@ def _load(file: Path) -> Any:
         raise ClipError(f"{file}: is not JSON: {error}.") from error
 
 
-def _mark_of_2d(frame: dict[str, Any]) -> bool:
-    """Whether a frame is one of OpenPose, AlphaPose or another tool that gives no depth."""
-    points = frame.get("keypoints")
-    people = frame.get("people")
+def _refuse_2d(content: Any, file: Path) -> None:
+    if _is_2d(content):
+        raise ClipError(f"{file}: {NOT_3D}")
+
+
+def _is_2d(value: Any, depth: int = 6) -> bool:
+    """Whether it is of OpenPose, AlphaPose, COCO, YOLO, MMPose or another tool without depth."""
+    if not depth or not isinstance(value, list | dict):
+        return False
+    if isinstance(value, list):
+        return any(_is_2d(one, depth - 1) for one in value[:9])
+    keys = {_letters(key) for key in value}
+    pairs = [one for one in value.values() if isinstance(one, list) and len(one) == 2]
     return (
-        "pose_keypoints_2d" in frame
-        or (
-            isinstance(people, list) and any(isinstance(p, dict) and _mark_of_2d(p) for p in people)
-        )
+        "posekeypoints2d" in keys
+        or {"images", "annotations"} <= keys
         # [x, y, score] of 17 to 136 joints in one row, and YOLO's lists of each coordinate.
-        or (isinstance(points, list) and "category_id" in frame)
-        or (isinstance(points, dict) and {"x", "y"} <= points.keys() and "z" not in points)
+        or ("keypoints" in keys and bool(keys & _BESIDE_2D))
+        or ({"x", "y"} <= keys and "z" not in keys)
+        or len(pairs) > 4
+        or any(_is_2d(one, depth - 1) for one in list(value.values())[:9])
     )
-
-
-def _of_coco(content: dict[str, Any]) -> bool:
-    notes = content.get("annotations")
-    return isinstance(notes, list) and bool(notes) and "images" in content
 
 
 def _rate(frames: list[dict[str, Any]]) -> float | None:
@@ -131,64 +143,102 @@ def _rate(frames: list[dict[str, Any]]) -> float | None:
     return None
 
 
-def _from_landmarks(frames: list[dict[str, Any]]) -> tuple[list[Any], dict[str, Any]]:
-    """MediaPipe's lists of 33 points with a visibility each; those of the world come first."""
-    key = next(key for key in _LANDMARKS if key in frames[0])
-    lists = [frame.get(key) for frame in frames]
-    # The tasks API lists people.
-    lists = [one[0] if one and isinstance(one[0], list) else one for one in lists]
-    count = max(len(one) for one in lists if one)
-    bodies = [one if one and len(one) == count else [{}] * count for one in lists]
-    seen = [[_given(point, "visibility", 1.0) for point in one] for one in bodies]
-    places = [[[_given(point, axis, None) for axis in "xyz"] for point in one] for one in bodies]
-    return places, {"confidence": seen}
+# What frames of tools call points, best first, in letters alone; and what stands beside `keypoints`
+# that have no depth.
+_POINTS = (
+    "worldlandmarks", "poseworldlandmarks", "keypoints3d",
+    "landmarks", "poselandmarks", "keypoints",
+)  # fmt: skip
+_BESIDE_2D = {"categoryid", "keypointscores", "scores", "numkeypoints"}
+_SEEN = ("visibility", "confidence", "score")
+Points = dict[str | int, list[Any]]
 
 
-def _given(point: Any, key: str, otherwise: float | None) -> Any:
-    return point.get(key, otherwise) if isinstance(point, dict) else otherwise
+def _letters(name: str) -> str:
+    return name.lower().replace("_", "")
 
 
-def _from_bodies(frames: list[dict[str, Any]]) -> tuple[list[Any], dict[str, Any]]:
-    """Frames of Azure Kinect's offline processor: millimetres, y down."""
-    people = [[body.get("joint_positions") for body in frame["bodies"]] for frame in frames]
-    return people, {"unit": "mm", "up": "-y"}
+def _key(content: dict[str, Any], wanted: Sequence[str]) -> str | None:
+    """The name in a mapping that is the first of those wanted, however it is spelt."""
+    spelt = {_letters(name): name for name in reversed(content)}
+    return next((spelt[_letters(name)] for name in wanted if _letters(name) in spelt), None)
 
 
-_LANDMARKS = ("world_landmarks", "pose_world_landmarks", "landmarks", "pose_landmarks")
-# What a frame of a tool holds, best first, to what reads it.
-_TOOLS: dict[str, Callable[[list[dict[str, Any]]], tuple[list[Any], dict[str, Any]]]] = {
-    **dict.fromkeys(_LANDMARKS, _from_landmarks),
-    "bodies": _from_bodies,
-}
-
-
-def _from_mappings(frames: list[dict[str, Any]], file: Path) -> tuple[list[Any], list[str] | None]:
-    """Frames given as mappings to nested lists, and the joint names where they are the keys."""
-    first = frames[0]
-    key = next((key for key in (*POSITIONS, "keypoints") if key in first), None)
-    if key is not None:
-        inner = [frame.get(key) for frame in frames]
-        if not all(isinstance(frame, dict) for frame in inner):
-            return inner, None
-        frames = [frame for frame in inner if isinstance(frame, dict)]
-        first = frames[0]
-    names = [name for name, value in first.items() if _point(value) is not None]
+def _from_points(
+    frames: list[Any], content: Any, file: Path
+) -> tuple[NDArray[np.float64] | None, dict[str, Any]]:
+    """Positions (T, P, J, 3) where frames hold points, and their names and confidence; or None."""
+    people = [_people(frame) for frame in frames]
+    if not any(one is not None for one in people):
+        return None, {}
+    bodies = [one or [] for one in people]
+    names = list(dict.fromkeys(name for frame in bodies for body in frame for name in body))
     if not names:
+        _refuse_2d(content, file)
+        held = next(filter(None, frames), {})
         raise ClipError(
-            f"{file}: a frame holds {listed(first)}; it needs poses3d, joints, or joint names "
-            "with [x, y, z] each."
+            f"{file}: a frame holds {listed(held if isinstance(held, dict) else [])}; it needs "
+            "poses3d, joints, or joint names with [x, y, z] each."
         )
-    if len(names) * len(frames) * 3 > LARGEST_CLIP:
+    if all(isinstance(name, int) for name in names):
+        names = list(range(max(map(int, names)) + 1))
+    most = max(map(len, bodies))
+    if len(names) * most * len(frames) * 3 > LARGEST_CLIP:
         raise ClipError(f"{file}: holds more than {LARGEST_CLIP} numbers; cut out the action.")
-    missing = [None] * 3
-    return [[_point(frame.get(name)) or missing for name in names] for frame in frames], names
+    nobody: Points = {}
+    missing = [None] * 4
+    values = _numbers([
+        [[body.get(name, missing) for name in names] for body in (*frame, *[nobody] * most)[:most]]
+        for frame in bodies
+    ])  # fmt: skip
+    if values is None:
+        raise ClipError(f"{file}: a point must be three numbers, x, y and z.")
+    positions, seen = values[..., :3], values[..., 3]
+    named = {} if np.isnan(seen).all() else {"confidence": np.where(np.isnan(seen), 1, seen)}
+    if not all(isinstance(name, int) for name in names):
+        named["joint_names"] = [str(name) for name in names]
+    return positions, named
+
+
+def _people(value: Any) -> list[Points] | None:
+    """The points of each person in a frame; None where it holds something else."""
+    if isinstance(value, dict):
+        inner = value.get("landmark")
+        return [_points(value)] if inner is None else _people(inner)
+    if not isinstance(value, list) or not value:
+        return None
+    if isinstance(value[0], dict):
+        if "landmark" in value[0]:
+            return [_points(one["landmark"]) for one in value if isinstance(one, dict)]
+        return [_points(value)]
+    if isinstance(value[0], list) and value[0] and isinstance(value[0][0], dict):
+        return [_points(one) for one in value]
+    return None
+
+
+def _points(value: Any) -> Points:
+    """Points by name, or by number where they have none: x, y, z and a confidence or None each."""
+    found: Points = {}
+    pairs = value.items() if isinstance(value, dict) else enumerate(value or ())
+    for name, one in pairs:
+        if (point := _point(one)) is not None:
+            words = one if isinstance(one, dict) else {}
+            stated = next((words[key] for key in ("name", "joint", "part") if key in words), name)
+            found[stated if isinstance(stated, int) else str(stated)] = point
+    return found
 
 
 def _point(value: Any) -> list[Any] | None:
-    """The coordinates in [x, y, z] or {"x":, "y":, "z":}, or None for anything else."""
-    if isinstance(value, dict) and value.keys() >= set("xyz"):
-        return [value[axis] for axis in "xyz"]
-    return value if isinstance(value, list) and len(value) == 3 else None
+    """[x, y, z, confidence or None] of such a list, or a mapping; None for anything else."""
+    if isinstance(value, dict):
+        value = {key.lower(): one for key, one in value.items()}
+        if "position" in value:
+            return _point(value["position"])
+        if value.keys() >= set("xyz"):
+            seen = next((value[key] for key in _SEEN if key in value), None)
+            return [*(value[axis] for axis in "xyz"), seen]
+        return None
+    return [*value, None][:4] if isinstance(value, list) and len(value) in (3, 4) else None
 
 
 def _nested(frames: list[Any], file: Path) -> NDArray[np.float64]:

@@ -108,9 +108,9 @@ def test_a_header_that_sends_the_reader_astray_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     content = bytearray((Path(__file__).parents[2] / "fuzz/corpus/c3d/seed").read_bytes())
-    content[525] = 231  # where the next parameter stands
+    content[550], content[936], content[978] = 72, 254, 247  # how large parameters are
     file = tmp_path / "a.c3d"
     file.write_bytes(content)
-    monkeypatch.setattr("actioncli.clips.formats.c3d._PATIENCE", 1.0)
+    monkeypatch.setattr("actioncli.clips.formats.c3d._PATIENCE", 2.0)
     with pytest.raises(ClipError, match="reading it does not end"):
         read_clip(file)
