@@ -11,10 +11,12 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from actioncli.cli.app import app
+
+        app(prog_name="actioncli")
     except KeyboardInterrupt:
-        # Ctrl-C while the imports still run, before the application can answer it.
+        # Ctrl-C while imports still run, or options are put together: before the application can
+        # answer it.
         sys.exit(130)
-    app(prog_name="actioncli")
 
 
 if __name__ == "__main__":

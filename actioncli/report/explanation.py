@@ -207,8 +207,8 @@ def _summary(case: Explained) -> str:
     differ = [part for part in parts if parts[part] < -0.1]
     nearest = escape(case.decision.nearest)
     said = [
-        f"{escape(listed(names))} {verb} {nearest}"
-        for names, verb in ((agree, "speak for"), (differ, "speak against"))
+        f"{escape(listed(names))} {'speaks' if len(names) == 1 else 'speak'} {towards} {nearest}"
+        for names, towards in ((agree, "for"), (differ, "against"))
         if names
     ]
     told = [f"{'; '.join(said)}." if said else f"no part alone decides about {nearest}."]
