@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from actioncli.calibration.enrolment import Enrolled, enrol
+from actioncli.clips.active import one_repetition
 from actioncli.clips.clip import Clip
 from actioncli.clips.read import CLIP_SUFFIXES
 from actioncli.files import data_frame
@@ -19,6 +20,7 @@ from actioncli.store.store import SupportStore
 
 if TYPE_CHECKING:
     from actioncli.live.events import Event
+    from actioncli.live.recorder import Kept
     from actioncli.recognition.explanation import Explanation
 
 
@@ -144,6 +146,22 @@ class Actions:
 
     def _asked(self, tau: float | None) -> SupportSet:
         return self.support if tau is None else self.support.with_tau(tau)
+
+
+def decide_on(actions: Actions, kept: Kept, decision: str, label: str = "") -> list[str]:
+    """Enrol a clip that `watch --record` kept (`enroll`), make it a negative (`negative`) or delete
+    it (`delete`): either way it leaves the folder. What is to be said of it.
+
+    Raises:
+        ClipError, UsageError, StoreError: as `Actions.enrol`; the clip stays.
+    """
+    told: list[str] = []
+    if decision != "delete":
+        one, negative = one_repetition(kept.clip()), decision == "negative"
+        (enrolled,) = actions.enrol(label, one, note=kept.origin, negative=negative)
+        told = [*one.notes, *enrolled.told]
+    kept.forget()
+    return told
 
 
 def _clip(clip: str | Path | Clip) -> Clip:

@@ -23,6 +23,7 @@ from typing import Any, BinaryIO, Literal
 from actioncli.errors import ActionCliError, UsageError, WeightsError
 
 HOME_VARIABLE = "ACTIONCLI_HOME"
+CHECKSUMS = "SHA256SUMS"
 # What a file in a folder says in which the tool may delete; and a file that is not finished.
 _MARK = "This folder belongs to actioncli, which deletes its {} in it.\n"
 _PART = re.compile(r"\.actioncli-\w{8}\.part")
@@ -214,8 +215,23 @@ def weights_file(name: str) -> Path:
     return path
 
 
+def shipped_checksums() -> dict[str, str]:
+    """SHA-256, hexadecimal, of the shipped files by name.
+
+    Raises:
+        OSError, ValueError: the list of them cannot be read.
+    """
+    lines = (weights_folder() / CHECKSUMS).read_text("ascii").splitlines()
+    return {name: digest for digest, name in (line.split(maxsplit=1) for line in lines)}
+
+
 @contextmanager
-def replacing(path: Path, private: bool = False, suffix: str = ".part") -> Iterator[Path]:
+def replacing(
+    path: Path,
+    private: bool = False,
+    suffix: str = ".part",
+    failure: type[ActionCliError] | None = None,
+) -> Iterator[Path]:
     """A new, empty file beside `path` that takes its place when the block ends well.
 
     Its name cannot be guessed and it is never one that was there: a link that another user laid
@@ -225,19 +241,24 @@ def replacing(path: Path, private: bool = False, suffix: str = ".part") -> Itera
         path: the file to write; its folder must exist.
         private: keep the mode 0600 whatever the umask allows.
         suffix: how the new file's name ends, for libraries that go by it.
+        failure: what is raised, with a message, where it cannot be written.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written, and there is no `failure`.
     """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".actioncli-", suffix=suffix)
-    os.close(handle)
-    part = Path(name)
+    part: Path | None = None
     try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".actioncli-", suffix=suffix)
+        part = Path(name)
+        os.close(handle)
         yield part
         part.chmod(0o600 if private else 0o666 & ~_umask())
         part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
+    except BaseException as error:
+        if part is not None:
+            part.unlink(missing_ok=True)
+        if failure is not None and isinstance(error, OSError):
+            raise failure(f"{path}: cannot be written: {error.strerror or error}.") from error
         raise
 
 

@@ -190,11 +190,8 @@ class Results:
             ClipError: it cannot be written.
         """
         rows = self._rows()
-        try:
-            with replacing(self._output) as part:
-                (_write_csv if _is_csv(self._output) else _write_parquet)(part, rows, self._basis)
-        except OSError as error:
-            raise ClipError(f"{self._output}: cannot be written: {error.strerror}.") from error
+        with replacing(self._output, failure=ClipError) as part:
+            (_write_csv if _is_csv(self._output) else _write_parquet)(part, rows, self._basis)
         # While it is still held, and first the file beside it that closing would look for.
         self._database.execute("PRAGMA journal_mode = DELETE")
         _partial(self._output).unlink()

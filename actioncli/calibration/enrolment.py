@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,11 +57,33 @@ class Enrolled:
         return {"example": self.example, "added": self.added, "warnings": list(self.warnings)}
 
 
+class Examined(NamedTuple):
+    """A clip that can be enrolled, and its embedding (F, E), empty without a recogniser."""
+
+    clip: Clip
+    embedding: FloatArray
+
+
+def examined(recognizer: Recognizer | None, clip: Clip, negative: bool = False) -> Examined:
+    """Look whether a clip can be enrolled.
+
+    Raises:
+        ClipError: it lacks joints that the model reads; or, as an example of an action, it shows
+            none (see `checks.findings`), or little but what was not seen.
+    """
+    if not negative:
+        require_usable(clip)
+    if recognizer is None:
+        return Examined(clip, np.empty((0, 0), np.float32))
+    # Each by itself: an embedding does not depend on which clips came together.
+    return Examined(clip, recognizer.embed([clip])[0])
+
+
 def enrol(
     store: SupportStore,
     recognizer: Recognizer | None,
     label: str,
-    clips: Sequence[Clip],
+    clips: Sequence[Clip | Examined],
     note: str = "",
     negative: bool = False,
     either_side: bool = False,
@@ -85,40 +108,40 @@ def enrol(
 
     Raises:
         UsageError: the label is not allowed.
-        ClipError: a clip shows no action (see `checks.findings`), or of one little but what was
-            not seen, lacks joints that the model reads, or is too large to keep.
+        ClipError: as `examined`, or a clip is too large to keep.
         StoreError: the store cannot be written.
     """
     label = NEGATIVES if negative else check_label(label)
-    given = len(clips)
-    if not negative:
-        for clip in clips:
-            require_usable(clip)
-    clips = [*clips, *map(mirrored, clips)] if either_side else clips
+    found = [
+        one if isinstance(one, Examined) else examined(recognizer, one, negative) for one in clips
+    ]
+    given = len(found)
+    if either_side:
+        found += [examined(recognizer, mirrored(clip), negative=True) for clip, _ in found]
     checksum, embeddings = "", list[FloatArray]()
-    warnings: list[tuple[str, ...]] = [()] * len(clips)
+    warnings: list[tuple[str, ...]] = [()] * len(found)
     support: SupportSet | None = None
     if recognizer is not None:
         checksum = recognizer.weights.checksum
-        # Each by itself: an embedding does not depend on which clips came together.
-        embeddings = [recognizer.embed([clip])[0] for clip in clips]
+        embeddings = [embedding for _, embedding in found]
         try:
             support = SupportSet.load(store, recognizer)
         except StoreError as error:
             # A damaged example, for instance, is no reason to refuse a new one.
-            warnings = [(f"not compared with the others: {error}",)] * len(clips)
+            warnings = [(f"not compared with the others: {error}",)] * len(found)
     if support is not None and not negative:
         # What is unlike its own mirror image is no bad example.
         own = [*support.actions.get(label, ()), *embeddings[:given]]
-        asked = embeddings[:given]
-        warnings[:given] = [tuple(_warnings(support, label, own, clip)) for clip in asked]
+        warnings[:given] = [
+            tuple(_warnings(support, label, own, embedding)) for embedding in embeddings[:given]
+        ]
     warnings = [
         about + view_notes(clip) + repetition_notes(clip)
-        for about, clip in zip(warnings, clips, strict=True)
+        for about, (clip, _) in zip(warnings, found, strict=True)
     ]
     try:
         missing = support.recomputed if support is not None else None
-        labelled = [(label, clip) for clip in clips]
+        labelled = [(label, clip) for clip, _ in found]
         kept = store.enroll_all(labelled, note, negative, embeddings, checksum, missing)
     except UsageError as error:
         if not negative:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -30,6 +31,9 @@ _CELLS = 12
 # Of a decision's threshold: where another action comes nearer to it, the ranking is worth a look.
 _CLOSE = 0.5
 _REJECTED = "rejected"
+# Columns of what stands beside a label in a line; lines with longer labels do not stand below the
+# others, so that these fit into the terminal. One of fewer columns than this shows no bar.
+_OTHERS = 56
 # Names of files that a note lists; of more it tells how many.
 _NAMED = 3
 
@@ -47,8 +51,13 @@ def short_names(paths: Iterable[Path | str]) -> dict[Path | str, str]:
 
 
 def verdict_width(labels: Iterable[str]) -> int:
-    """Columns that every verdict on these actions fits into."""
-    return max(width_of(printable(label)) for label in (_REJECTED, *labels))
+    """Columns that every verdict on these actions fits into, but for very long labels."""
+    widest = max(width_of(printable(label)) for label in (_REJECTED, *labels))
+    return min(widest, max(_columns() - _OTHERS, len(_REJECTED)))
+
+
+def _columns() -> int:
+    return shutil.get_terminal_size().columns
 
 
 def line_of(decision: Decision, name: str, width: int) -> str:
@@ -66,11 +75,10 @@ def line_of(decision: Decision, name: str, width: int) -> str:
     at = round(_CELLS * decision.tau)
     cells = full * filled + rest * (_CELLS - filled)
     named = padded(printable(verdict), width)
-    said = [
-        f"{coloured(tick if yes else cross, colour)} {coloured(named, BOLD if yes else GREY)}",
-        coloured(cells[:at], colour) + mark + coloured(cells[at:], colour),
-        decision.comparison.replace("confidence ", "").replace("tau ", ""),
-    ]
+    said = [f"{coloured(tick if yes else cross, colour)} {coloured(named, BOLD if yes else GREY)}"]
+    if _columns() >= _OTHERS:
+        said.append(coloured(cells[:at], colour) + mark + coloured(cells[at:], colour))
+    said.append(decision.comparison.replace("confidence ", "").replace("tau ", ""))
     if decision.part is not None:
         said.append("{:.1f} to {:.1f} s".format(*decision.part))
     said.append(printable(name))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.output import plural, printable, say, write_json
+from actioncli.cli.output import plural, printable
 from actioncli.errors import ActionCliError
 
 
@@ -32,10 +32,8 @@ def export(
     """
     with settings.open_store() as store:
         examples = store.export(file)
-    if settings.json:
-        write_json({"file": str(file), "examples": examples})
-    elif not settings.quiet:
-        say(f"{printable(file)}: {plural(examples, 'example')} written")
+    line = f"{printable(file)}: {plural(examples, 'example')} written"
+    settings.answer({"file": str(file), "examples": examples}, line)
 
 
 @command
@@ -68,12 +66,10 @@ def import_(
             embed_missing(store, Recognizer())
         carried = carried_settings(file)
         taken = bool(carried) and all(store.setting(name) == carried[name] for name in carried)
-    if settings.json:
-        write_json(
-            {"file": str(file), "added": added, "skipped": skipped, "threshold_taken": taken}
-        )
-    elif not settings.quiet:
-        say(f"{printable(file)}: {plural(added, 'example')} added, {skipped} already there")
+    settings.answer(
+        {"file": str(file), "added": added, "skipped": skipped, "threshold_taken": taken},
+        f"{printable(file)}: {plural(added, 'example')} added, {skipped} already there",
+    )
     if carried and not taken:
         settings.tell(
             f"note: {printable(file)}: its calibrated threshold was left, for it was measured on "

@@ -153,10 +153,8 @@ def calibrate(
             )
         with settings.open_store() as store:
             keep_threshold(store, None)
-        if settings.json:
-            write_json({"tau": DEFAULT_TAU, "kept": False})
-        elif not settings.quiet:
-            say(f"No threshold is kept; classify uses tau {DEFAULT_TAU:g} unless --tau is given.")
+        line = f"No threshold is kept; classify uses tau {DEFAULT_TAU:g} unless --tau is given."
+        settings.answer({"tau": DEFAULT_TAU, "kept": False}, line)
         return
     if not 0 < target_far < 1:
         raise UsageError(f"--target-far must lie between 0 and 1, not {target_far:g}.")
@@ -219,12 +217,12 @@ def _read(
     files = find_any(paths)
     given = read_each(files, options, shown=not settings.quiet)
     with notes_of(settings, short_names(files)) as add_notes:
-        for path, clip in usable(given, recognizer):
-            if isinstance(clip, dict):
+        for path, found in usable(given, recognizer):
+            if isinstance(found, dict):
                 failed += 1
             else:
-                add_notes(path, clip.notes)
-                embeddings.append(recognizer.embed([clip]))
+                add_notes(path, found.clip.notes)
+                embeddings.append(found.embedding[None])
     return np.concatenate(embeddings), failed
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from actioncli.cli.command import Settings, command
-from actioncli.cli.output import printable, say, write_json
+from actioncli.cli.output import colours, printable, say, write_json
 from actioncli.cli.reading import report_bad_clip
 from actioncli.errors import ClipError, UsageError
 from actioncli.files import replacing
@@ -59,7 +57,7 @@ def cameras(
       cameras[].error: type, message, exit_code
     """
     from actioncli.pose.camera import cameras as of_this_machine
-    from actioncli.pose.camera import still
+    from actioncli.pose.camera import jpeg, still
 
     if stills is not None and not stills.is_dir():
         raise UsageError(f"{stills}: there is no such folder; make it first.")
@@ -78,7 +76,8 @@ def cameras(
             height, width = image.shape[:2]
             file = None if stills is None else stills / f"still_{number}.jpg"
             if file is not None:
-                _write(image, file)
+                with replacing(file, private=True, failure=UsageError) as part:
+                    part.write_bytes(jpeg(image))
             entry |= {"width": width, "height": height, "still": file and str(file)}
             if not settings.json:
                 called = "" if sources else f"{source}  "
@@ -93,23 +92,8 @@ def cameras(
         raise typer.Exit(ClipError.exit_code)
 
 
-def _write(image: Image, file: Path) -> None:
-    """Write a picture.
-
-    Raises:
-        UsageError: it cannot be written.
-    """
-    import cv2
-
-    try:
-        with replacing(file, private=True) as part:
-            part.write_bytes(cv2.imencode(".jpg", image)[1].tobytes())
-    except OSError as error:
-        raise UsageError(f"{file}: cannot be written: {error.strerror}.") from error
-
-
 def _draw(settings: Settings, image: Image) -> None:
-    if settings.quiet or not sys.stdout.isatty() or "NO_COLOR" in os.environ:
+    if settings.quiet or not colours():
         return
     from actioncli.report.terminal import picture_lines
 

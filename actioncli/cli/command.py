@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
-from actioncli.cli.output import note
+from actioncli.cli.output import note, say, write_json
 
 if TYPE_CHECKING:
     from actioncli.store.store import SupportStore
@@ -65,6 +65,14 @@ class Settings:
             quiet=self.quiet or other.quiet,
             debug=self.debug or other.debug,
         )
+
+    def answer(self, document: object, line: str) -> None:
+        """Print a result that is one line: the document where JSON is wanted, and nothing where
+        quiet is."""
+        if self.json:
+            write_json(document)
+        elif not self.quiet:
+            say(line)
 
     def tell(self, line: str) -> None:
         """Write a note for people to standard error, unless they asked for quiet."""

@@ -34,7 +34,7 @@ _NEEDED = (
 _OPTIONAL = (
     ("PIL", "pillow", "drawings as PNG, GIF, MP4; pip install 'actioncli[report]'"),
     ("starlette", "starlette", "studio and review --page; pip install 'actioncli[studio]'"),
-    ("ray", "ray", "batch; pip install 'actioncli[ray]'"),
+    ("ray", "ray", "batch --ray and Parquet; pip install 'actioncli[ray]'"),
     ("torch", "torch", "training; pip install 'actioncli[train]'"),
 )
 
@@ -175,13 +175,12 @@ def _packages() -> Iterator[Check]:
 
 
 def _shipped_files() -> Iterator[Check]:
-    from actioncli.files import weights_folder
+    from actioncli.files import shipped_checksums, weights_folder
 
     folder = weights_folder()
     again = "install actioncli again"
     try:
-        listed = (folder / "SHA256SUMS").read_text("ascii").splitlines()
-        sums = {name: digest for digest, name in (line.split(maxsplit=1) for line in listed)}
+        sums = shipped_checksums()
     except (OSError, ValueError) as error:
         yield Check("shipped files", "problem", f"{error}; {again}", EXIT_INCOMPLETE)
         return

@@ -134,22 +134,20 @@ def enroll(
             (path, clip if isinstance(clip, ClipError) else one_repetition(clip))
             for path, clip in given
         )
-    outcomes = list(usable(given, recognizer, examples=not negative))
-    clips_read = [clip for _, clip in outcomes if not isinstance(clip, dict)]
+    outcomes = list(usable(given, recognizer, negative=negative))
+    examined = [found for _, found in outcomes if not isinstance(found, dict)]
     with settings.open_store() as store:
-        enrolled = enrol(
-            store, recognizer, label, clips_read, note, negative, either_side, keep_tau
-        )
+        enrolled = enrol(store, recognizer, label, examined, note, negative, either_side, keep_tau)
 
     entries: list[dict[str, object]] = []
     remaining = iter(enrolled)
     names = short_names(path for path, _ in outcomes)
     with notes_of(settings, names) as add_notes:
-        for path, clip in outcomes:
-            if isinstance(clip, dict):
-                entries.append(clip)
+        for path, found in outcomes:
+            if isinstance(found, dict):
+                entries.append(found)
                 continue
-            one = next(remaining)
+            clip, one = found.clip, next(remaining)
             described = {"frames": len(clip), "seconds": clip.duration, "notes": list(clip.notes)}
             entries.append({"source": str(path), **one.to_json(), **described})
             if not (settings.json or settings.quiet):
@@ -168,10 +166,10 @@ def enroll(
     if threshold:
         way_out = " (--keep-tau leaves it)" if threshold.startswith("tau is") else ""
         settings.tell(f"note: {printable(threshold)}{way_out}")
-    failed = len(outcomes) - len(clips_read)
+    failed = len(outcomes) - len(examined)
     if settings.json:
-        added = sum(one.added for one in enrolled[: len(clips_read)])
-        counts = {"added": added, "known": len(clips_read) - added, "failed": failed}
+        added = sum(one.added for one in enrolled[: len(examined)])
+        counts = {"added": added, "known": len(examined) - added, "failed": failed}
         used = {"weights": recognizer and recognizer.weights.checksum, "threshold": threshold}
         write_json({"label": label, "negative": negative, **used, "clips": entries, **counts})
     if failed:

@@ -239,11 +239,8 @@ def _is_document(file: Path) -> bool:
 def _write_document(file: Path, document: Mapping[str, object]) -> None:
     from actioncli.files import json_text, replacing
 
-    try:
-        with replacing(file) as part:
-            part.write_text(json_text(document) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"{file}: cannot be written: {error.strerror}.") from error
+    with replacing(file, failure=UsageError) as part:
+        part.write_text(json_text(document) + "\n", encoding="utf-8")
 
 
 def _read(settings: Settings, paths: Sequence[Path]) -> list[Collection]:

@@ -54,25 +54,6 @@ ClipArguments = Annotated[
     ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Write over a file that is there.")]
-LayoutOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Skeleton layout of files that do not name their joints, such as smpl+head_30.",
-        autocompletion=complete_layout,
-    ),
-]
-UnitOption = Annotated[
-    str | None,
-    typer.Option(metavar="m|cm|mm|in", help="Unit of the files, or a number: metres per unit."),
-]
-UpOption = Annotated[
-    str | None,
-    typer.Option(metavar="AXIS", help="Axis that points up in the files, such as z or -y."),
-]
-FpsOption = Annotated[
-    float | None, typer.Option(metavar="RATE", help="Frames per second of the files.")
-]
 TauOption = Annotated[
     float | None,
     typer.Option(
@@ -85,17 +66,6 @@ WeightsOption = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Weights to use instead of those that came along."),
 ]
-StartOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="SECONDS",
-        help="Where the action begins in a video.  [default: found from the motion]",
-    ),
-]
-EndOption = Annotated[
-    float | None,
-    typer.Option(metavar="SECONDS", help="Where it ends.  [default: found from the motion]"),
-]
 QualityOption = Annotated[
     Literal["fast", "accurate"] | None,
     typer.Option(
@@ -103,15 +73,6 @@ QualityOption = Annotated[
         help="Pose network for videos.  [default: that of config.toml, else fast]",
         show_default=False,
     ),
-]
-PersonOption = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N", help="Whom to follow in a video, 1 is the leftmost.  [default: who moves most]"
-    ),
-]
-CacheOption = Annotated[
-    bool, typer.Option("--cache/--no-cache", help="Keep poses of videos for the next time.")
 ]
 HandsOption = Annotated[
     bool | None,
@@ -121,33 +82,62 @@ HandsOption = Annotated[
     ),
 ]
 
-PoseOption = Annotated[
-    Literal["blazepose", "metrabs"],
-    typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos."),
-]
-PoseModelOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--pose-model",
-        metavar="FOLDER",
-        help="MeTRAbs model that you have downloaded; its weights are for non-commercial use.",
-    ),
-]
-
 
 def read_options(
-    layout: LayoutOption = None,
-    unit: UnitOption = None,
-    up: UpOption = None,
-    fps: FpsOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
+    layout: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Skeleton layout of files that do not name their joints, such as smpl+head_30.",
+            autocompletion=complete_layout,
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(metavar="m|cm|mm|in", help="Unit of the files, or a number: metres per unit."),
+    ] = None,
+    up: Annotated[
+        str | None,
+        typer.Option(metavar="AXIS", help="Axis that points up in the files, such as z or -y."),
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option(metavar="RATE", help="Frames per second of the files.")
+    ] = None,
+    start: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Where the action begins in a video.  [default: found from the motion]",
+        ),
+    ] = None,
+    end: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Where it ends.  [default: found from the motion]"),
+    ] = None,
     quality: QualityOption = None,
-    person: PersonOption = None,
-    cache: CacheOption = True,
+    person: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Whom to follow in a video, 1 is the leftmost.  [default: who moves most]",
+        ),
+    ] = None,
+    cache: Annotated[
+        bool, typer.Option("--cache/--no-cache", help="Keep poses of videos for the next time.")
+    ] = True,
     hands: HandsOption = None,
-    pose: PoseOption = "blazepose",
-    pose_model: PoseModelOption = None,
+    pose: Annotated[
+        Literal["blazepose", "metrabs"],
+        typer.Option("--pose", metavar="blazepose|metrabs", help="Pose estimator for videos."),
+    ] = "blazepose",
+    pose_model: Annotated[
+        Path | None,
+        typer.Option(
+            "--pose-model",
+            metavar="FOLDER",
+            help="MeTRAbs model that you have downloaded; its weights are for non-commercial use.",
+        ),
+    ] = None,
 ) -> ReadOptions:
     """What the options say; a command takes those that mean something to it.
 
@@ -169,7 +159,6 @@ def read_options(
 
 _FILE, _PERSON = "layout unit up fps", "quality person cache hands"
 _VIDEO = f"start end {_PERSON} pose pose_model"
-FileReading = Annotated[ReadOptions, Options(read_options, _FILE)]
 StreamReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} quality hands")]
 ArchiveReading = Annotated[ReadOptions, Options(read_options, f"{_FILE} {_PERSON}")]
 VideoReading = Annotated[ReadOptions, Options(read_options, _VIDEO)]

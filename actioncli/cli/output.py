@@ -104,7 +104,8 @@ GREEN, GREY, BOLD = "32", "90", "1"
 
 def colours() -> bool:
     """Whether standard output shows colours, and the user wants them."""
-    return sys.stdout.isatty() and "NO_COLOR" not in os.environ
+    dumb = os.environ.get("TERM") == "dumb"
+    return sys.stdout.isatty() and "NO_COLOR" not in os.environ and not dumb
 
 
 def coloured(text: str, colour: str) -> str:
@@ -186,11 +187,11 @@ def progress(
 
 
 @contextlib.contextmanager
-def steps(*, shown: bool) -> Iterator[Callable[[str, int, int | None], None] | None]:
+def steps(*, shown: bool) -> Iterator[Callable[[str, float, float | None], None] | None]:
     """A progress bar as `progress` has it, for work that tells how far it is.
 
     Yields:
-        What takes a word for what is done, and how many of how many (None: nobody knows); None
+        What takes a word for what is done, and how much of how much (None: nobody knows); None
         where nobody sees it.
     """
     if not (shown and sys.stderr.isatty()):
@@ -200,7 +201,7 @@ def steps(*, shown: bool) -> Iterator[Callable[[str, int, int | None], None] | N
     bar: Progress | None = None
     task = None
 
-    def step(what: str, done: int, total: int | None) -> None:
+    def step(what: str, done: float, total: float | None) -> None:
         nonlocal bar, task
         if bar is None and time.monotonic() - begun > _PATIENCE_SECONDS:
             from rich.console import Console
@@ -210,7 +211,10 @@ def steps(*, shown: bool) -> Iterator[Callable[[str, int, int | None], None] | N
             bar = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False)
             task = bar.add_task("", total=None)
         if bar is not None and task is not None:
-            bar.update(task, description=printable(what), completed=done, total=total)
+            from rich.markup import escape
+
+            # A file's name may look like markup.
+            bar.update(task, description=escape(printable(what)), completed=done, total=total)
             bar.start()  # once
 
     try:

@@ -15,6 +15,7 @@ from actioncli.pose import ReadOptions
 from actioncli.pose.read import is_video, read_any
 
 if TYPE_CHECKING:
+    from actioncli.calibration.enrolment import Examined
     from actioncli.clips.clip import Clip
     from actioncli.recognition.recognizer import Recognizer
 
@@ -76,24 +77,21 @@ def usable(
     clips: Iterable[tuple[Path | str, Clip | ClipError]],
     recognizer: Recognizer | None,
     *,
-    examples: bool = False,
-) -> Iterator[tuple[Path | str, Clip | dict[str, object]]]:
-    """The clips that a recogniser can use; each other one is reported, and comes as its entry in
-    JSON. As `examples` of an action they must show what moves."""
-    from actioncli.clips.checks import require_usable
+    negative: bool = True,
+) -> Iterator[tuple[Path | str, Examined | dict[str, object]]]:
+    """The clips that can be enrolled; each other one is reported, and comes as its entry in JSON.
+    Unless they are `negative`, they must show what moves."""
+    from actioncli.calibration.enrolment import examined
 
     for path, clip in clips:
         try:
             if isinstance(clip, ClipError):
                 raise clip
-            if examples:
-                require_usable(clip)
-            if recognizer is not None:
-                recognizer.embed([clip])
+            found = examined(recognizer, clip, negative)
         except ClipError as error:
             yield path, report_bad_clip(path, error)
         else:
-            yield path, clip
+            yield path, found
 
 
 def report_bad_clip(path: Path | str, error: ClipError) -> dict[str, object]:

@@ -18,7 +18,6 @@ from actioncli.errors import ClipError, UsageError
 
 if TYPE_CHECKING:
     from actioncli.live.recorder import Kept
-    from actioncli.store.store import SupportStore
 
 _KEYS = "e enrol, o enrol as another action, n negative, d delete, s skip, q quit"
 
@@ -79,9 +78,7 @@ def review(
         return
     if not sys.stdin.isatty():
         raise UsageError("nobody can be asked here; --json lists what waits.")
-    with settings.open_store() as store:
-        done = _walk(settings, store, waiting)
-    _summarize(done)
+    _summarize(_walk(settings, waiting))
 
 
 _DONE = {"enroll": "enrolled", "negative": "enrolled as negatives", "delete": "deleted"}
@@ -93,14 +90,12 @@ def _summarize(done: Mapping[str, int]) -> None:
     say(", ".join(parts) or "nothing was changed")
 
 
-def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> dict[str, int]:
+def _walk(settings: Settings, waiting: Sequence[Kept]) -> dict[str, int]:
     """Ask about each clip; how many were enrolled, made negatives, and deleted."""
-    from actioncli.calibration.enrolment import enrol
-    from actioncli.clips.active import one_repetition
-    from actioncli.recognition.recognizer import Recognizer
+    from actioncli.actions import decide_on, open
 
     done = dict.fromkeys(_DONE, 0)
-    recognizer = Recognizer()
+    actions = open(settings.store)
     for place, kept in enumerate(waiting, 1):
         try:
             clip = kept.clip()
@@ -122,16 +117,13 @@ def _walk(settings: Settings, store: SupportStore, waiting: Sequence[Kept]) -> d
         label = kept.label
         if key == "o":
             label, key = typer.prompt("Name of the action", err=True).strip(), "e"
-        if key in "en":
-            try:
-                one = one_repetition(clip)
-                (enrolled,) = enrol(store, recognizer, label, [one], kept.origin, key == "n")
-            except (ClipError, UsageError) as refused:
-                note(f"error: {printable(str(refused))}")
-                continue
-            for line in (*one.notes, *enrolled.told):
-                settings.tell(f"warning: {printable(line)}")
-        kept.forget()
+        try:
+            told = decide_on(actions, kept, _OF_KEY[key], label)
+        except (ClipError, UsageError) as refused:
+            note(f"error: {printable(str(refused))}")
+            continue
+        for line in told:
+            settings.tell(f"warning: {printable(line)}")
         done[_OF_KEY[key]] += 1
         if key == "e":
             settings.tell(f"enrolled as {printable(label)}")

@@ -193,10 +193,8 @@ def remove(
         if not _agreed(settings, yes, f"Remove {what} of {printable(label)}?"):
             return
         removed = store.remove(label, example)
-    if settings.json:
-        write_json({"label": label, "removed": removed})
-    elif not settings.quiet:
-        say(f"{printable(label)}: {plural(removed, 'example')} removed")
+    line = f"{printable(label)}: {plural(removed, 'example')} removed"
+    settings.answer({"label": label, "removed": removed}, line)
 
 
 @command
@@ -219,10 +217,8 @@ def rename(
 
     with settings.open_store() as store:
         examples = rename_action(store, old, new)
-    if settings.json:
-        write_json({"old": old, "new": new, "examples": examples})
-    elif not settings.quiet:
-        say(f"{printable(old)} is now {printable(new)}")
+    line = f"{printable(old)} is now {printable(new)}"
+    settings.answer({"old": old, "new": new, "examples": examples}, line)
 
 
 @command
@@ -245,10 +241,7 @@ def clear(settings: Settings, yes: YesOption = False) -> None:
         if not _agreed(settings, yes, f"Remove {plural(count, 'example')}, all there are?"):
             return
         removed = store.clear(settings=True)
-    if settings.json:
-        write_json({"removed": removed})
-    elif not settings.quiet:
-        say(f"{plural(removed, 'example')} removed")
+    settings.answer({"removed": removed}, f"{plural(removed, 'example')} removed")
 
 
 def _agreed(settings: Settings, yes: bool, question: str) -> bool:

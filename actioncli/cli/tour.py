@@ -15,7 +15,7 @@ import typer
 
 from actioncli.cli.app import EXIT_UNEXPECTED, app
 from actioncli.cli.command import Settings, command
-from actioncli.cli.output import note, say, write_json
+from actioncli.cli.output import note, say
 from actioncli.files import HOME_VARIABLE, examples_folder
 
 # What is said first, the command, and the exit code that belongs to it.
@@ -70,10 +70,7 @@ def tour(settings: Settings) -> None:
             if code != expected:
                 raise typer.Exit(code or EXIT_UNEXPECTED)
             steps.append({"command": line, "exit_code": code, "result": result})
-    if settings.json:
-        write_json({"steps": steps})
-    elif not settings.quiet:
-        say(_NEXT)
+    settings.answer({"steps": steps}, _NEXT)
 
 
 def _ran(settings: Settings, line: str) -> tuple[int, Any]:

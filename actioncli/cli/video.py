@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from actioncli.cli.output import steps
 from actioncli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -16,47 +16,19 @@ if TYPE_CHECKING:
     from actioncli.pose.video import Progress
     from actioncli.recognition.decision import Decision
 
-# Reading that is over sooner needs no progress line.
-_PATIENCE_SECONDS = 1.0
-
 
 @contextlib.contextmanager
 def video_progress(path: Path, *, shown: bool) -> Iterator[Callable[[Progress], None] | None]:
     """Show how far a video has been read, on standard error, if someone is there to see it."""
-    if not (shown and sys.stderr.isatty()):
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
+    begun = time.monotonic()
+    with steps(shown=shown) as step:
 
-    bar = Bar(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[rate]:.0f} frames/s"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        redirect_stdout=False,
-    )
-    start = time.monotonic()
-    task = bar.add_task(path.name, total=None, rate=0.0)
+        def show(progress: Progress) -> None:
+            assert step is not None
+            rate = progress.frames / max(time.monotonic() - begun, 1e-3)
+            step(f"{path.name}  {rate:.0f} frames/s", progress.seconds, progress.total or None)
 
-    def show(progress: Progress) -> None:
-        passed = time.monotonic() - start
-        if passed > _PATIENCE_SECONDS:
-            bar.start()
-        bar.update(
-            task,
-            completed=progress.seconds,
-            total=progress.total or None,
-            rate=progress.frames / max(passed, 1e-3),
-        )
-
-    try:
-        yield show
-    finally:
-        bar.stop()
+        yield None if step is None else show
 
 
 def check_annotation(clips: Sequence[Path], output: Path, metrabs: bool) -> None:

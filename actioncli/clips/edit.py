@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,15 +25,9 @@ def cut(clip: Clip, start: float, end: float) -> Clip:
     """
     first = round(start * clip.fps)
     kept = slice(first, round(end * clip.fps) + 1)
-    return Clip(
-        clip.joints[kept],
-        clip.joint_names,
-        clip.fps,
-        None if clip.confidence is None else clip.confidence[kept],
-        clip.source,
-        clip.notes,
-        clip.start + first / clip.fps,
-    )
+    confidence = None if clip.confidence is None else clip.confidence[kept]
+    start = clip.start + first / clip.fps
+    return replace(clip, joints=clip.joints[kept], confidence=confidence, start=start)
 
 
 def mirrored(clip: Clip) -> Clip:

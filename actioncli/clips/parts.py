@@ -1,7 +1,8 @@
 """Body parts over time: the bones that the part transformer reads, and which parts were seen.
 
-What was not seen gives no numbers: joints below `UNSEEN` are interpolated over short gaps, and
-beyond them take a place that follows from the joints that were seen.
+Limbs that the sensor took for each other are put back. What was not seen gives no numbers: joints
+below `UNSEEN` are interpolated over short gaps, and beyond them take a place that follows from the
+joints that were seen.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from actioncli.clips.skeleton import (
     turn_to_front,
     unit,
 )
+from actioncli.clips.swaps import limb_swaps
 
 PARTS = ("torso", "left arm", "right arm", "left leg", "right leg", "left hand", "right hand")
 # Confidence below which a joint counts as not seen. Legs under a desk have at most 0.05; of
@@ -104,6 +106,9 @@ def _filled(clip: Clip) -> tuple[FloatArray, FloatArray, BoolArray]:
         for name, at in zip(wanted, there, strict=True):
             group = list(columns[name])
             unseen[:, at] = clip.confidence[:, group].min(axis=1) < UNSEEN
+    swaps = limb_swaps(body)
+    body = np.take_along_axis(body, swaps[..., None], axis=1)
+    unseen = np.take_along_axis(unseen, swaps, axis=1)
     lost = np.zeros_like(unseen)
     if unseen.any():
         body, lost = _without_unseen(body, unseen, clip.fps)

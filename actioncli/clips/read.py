@@ -150,22 +150,17 @@ def _matching(pattern: Path, suffixes: Sequence[str]) -> Iterable[Path]:
 
 
 def _clips_below(folder: Path, suffixes: Sequence[str]) -> Iterable[Path]:
+    from actioncli.clips.formats.npy import is_sequence
+
     for root, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
         numbered = any(name.endswith(".npy") and name[0].isdigit() for name in files)
-        if numbered and ".npy" in suffixes and _is_sequence(Path(root)):
+        if numbered and ".npy" in suffixes and is_sequence(Path(root)):
             yield Path(root)
             files = [name for name in files if not name.endswith(".npy")]
         for name in files:
             if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
                 yield Path(root, name)
-
-
-def _is_sequence(folder: Path) -> bool:
-    """Whether a folder is one clip, a file a frame."""
-    from actioncli.clips.formats.npy import is_sequence
-
-    return is_sequence(folder)
 
 
 def _check_options(
@@ -189,10 +184,11 @@ def _read(file: Path) -> Recording:
     from actioncli.clips.formats.files import check_file
 
     suffix = file.suffix.lower()
-    if suffix not in _FORMATS and _is_sequence(file):
-        from actioncli.clips.formats.npy import read_sequence
+    if suffix not in _FORMATS:
+        from actioncli.clips.formats.npy import is_sequence, read_sequence
 
-        return read_sequence(file)
+        if is_sequence(file):
+            return read_sequence(file)
     beginning = check_file(file, CLIP_SUFFIXES)
     if suffix in CONVERTERS:
         raise ClipError(f"{file}: {suffix} is not read; {CONVERTERS[suffix]}.")
@@ -292,6 +288,11 @@ def _joint_names(recording: Recording, where: str) -> tuple[tuple[str, ...], tup
             raise ClipError(
                 f"{where}: {joints} joints but {len(names)} joint names; give --layout "
                 f"({', '.join(LAYOUTS)})."
+            )
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ClipError(
+                f"{where}: joint names appear twice: {', '.join(map(repr, twice))}; name each, or "
+                "give --layout."
             )
         return names, ()
     if recording.layout is not None:

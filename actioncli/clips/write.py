@@ -40,11 +40,8 @@ def write_clip(
     kind = format or file.suffix.lower().removeprefix(".")
     if kind not in WRITERS:
         raise UsageError(f"{file}: clips are written as {', '.join(WRITERS)}, not as {kind!r}.")
-    try:
-        with replacing(file, private) as part, part.open("wb") as stream:
-            WRITERS[kind](stream, clip)
-    except OSError as error:
-        raise ClipError(f"{file}: cannot be written: {error.strerror}.") from error
+    with replacing(file, private, failure=ClipError) as part, part.open("wb") as stream:
+        WRITERS[kind](stream, clip)
 
 
 def _write_npz(stream: IO[bytes], clip: Clip) -> None:

@@ -164,7 +164,7 @@ class AlwaysReject:
         return _comparison(support, nothing, nothing)
 
 
-class Random:
+class Random(AlwaysReject):
     """Guesses, anew in each comparison; the guesses of a run follow from its seed."""
 
     name = "random"
@@ -172,10 +172,6 @@ class Random:
     def __init__(self, seed: int = 0) -> None:
         """Seed the guesses."""
         self._rng = np.random.default_rng(seed)
-
-    def embed(self, clips: Sequence[Clip]) -> NDArray[Any]:
-        """Nothing: (N, 0)."""
-        return np.empty((len(clips), 0), np.float32)
 
     def compare(self, queries: NDArray[Any], support: Mapping[str, NDArray[Any]]) -> Comparison:
         """Distance and confidence uniform in [0, 1) and independent of one another.

@@ -81,23 +81,20 @@ def annotate_video(
             "be filled up to be drawn; narrow the time down with --start and --end."
         )
     count = 0
-    try:
-        with (
-            replacing(output, suffix=".mp4") as part,
-            mp4_writer(part, source.fps, ("mp4v",)) as write,
-        ):
-            for looked, frame in enumerate(source.frames(start, end), 1):
-                if progress is not None:
-                    progress(Progress(looked, frame.time - start, end - start))
-                image = frame.image.copy()
-                _draw(image, poses, frame.time)
-                _write(image, lines(frame.time))
-                # The file's frame rate is constant: a frame stays until the next one's time.
-                while count <= round((frame.time - start) * source.fps):
-                    write(image)
-                    count += 1
-    except OSError as error:
-        raise ClipError(f"{output}: cannot be written: {error.strerror or error}.") from error
+    with (
+        replacing(output, suffix=".mp4", failure=ClipError) as part,
+        mp4_writer(part, source.fps, ("mp4v",)) as write,
+    ):
+        for looked, frame in enumerate(source.frames(start, end), 1):
+            if progress is not None:
+                progress(Progress(looked, frame.time - start, end - start))
+            image = frame.image.copy()
+            _draw(image, poses, frame.time)
+            _write(image, lines(frame.time))
+            # The file's frame rate is constant: a frame stays until the next one's time.
+            while count <= round((frame.time - start) * source.fps):
+                write(image)
+                count += 1
     return count
 
 

@@ -26,6 +26,7 @@ SUFFIX = ".npz"
 # How the cache names its files, and those that it has not finished.
 _KEPT = re.compile(r"[0-9a-f]{64}\.npz")
 _UNFINISHED = re.compile(r"tmp\w{8}\.part")
+_ARRAYS = ("times", "world", "visibility", "points", "frames")
 _LONGEST_WRITING = 3600.0  # seconds
 # What numpy and zipfile make of a file with flipped bits.
 _DAMAGED = (
@@ -61,11 +62,7 @@ def load(key: str) -> Poses | None:
         # numpy leaves a file open that it cannot read; this one is closed.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             poses = Poses(
-                times=stored["times"],
-                world=stored["world"],
-                visibility=stored["visibility"],
-                points=stored["points"],
-                frames=stored["frames"],
+                **{name: stored[name] for name in _ARRAYS},
                 size=(int(stored["size"][0]), int(stored["size"][1])),
                 notes=tuple(str(note) for note in stored["notes"]),
             )
@@ -104,11 +101,7 @@ def _packed(poses: Poses) -> memoryview:
     whole = io.BytesIO()
     np.savez_compressed(
         whole,
-        times=poses.times,
-        world=poses.world,
-        visibility=poses.visibility,
-        points=poses.points,
-        frames=poses.frames,
+        **{name: getattr(poses, name) for name in _ARRAYS},
         size=np.array(poses.size),
         notes=np.array(poses.notes, dtype=np.str_),
     )

@@ -118,6 +118,11 @@ def still(source: int | str | Path) -> Image:
     return shown
 
 
+def jpeg(image: Image) -> bytes:
+    """A picture as a file."""
+    return bytes(cv2.imencode(".jpg", image)[1].tobytes())
+
+
 class LiveSource:
     """The newest frame of a camera or an address; what comes late is dropped, never queued.
 

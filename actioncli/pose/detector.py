@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ class Detection:
     region: Region
 
 
+@cache
 def anchor_centres() -> FloatArray:
     """(2254, 2) centres of the anchors as x, y in units of the image's side."""
     maps = []
@@ -40,23 +42,14 @@ def anchor_centres() -> FloatArray:
 class PersonDetector(Estimator[list[Detection]]):
     """BlazePose's detector, made for people whose head and hips are in view; the surest first."""
 
-    side, border = SIDE, cv2.BORDER_CONSTANT
+    network, side, border = DETECTOR, SIDE, cv2.BORDER_CONSTANT
     low = -1.0
-
-    def __init__(self, threads: int | None = None) -> None:
-        """Load the network.
-
-        Raises:
-            WeightsError: see `Network`.
-        """
-        super().__init__(DETECTOR, threads)
-        self._anchors = anchor_centres()
 
     def postprocess(self, output: dict[str, FloatArray], region: Region) -> list[Detection]:
         """See `Estimator`."""
         scores = sigmoid(output["scores"][0, :, 0])
         likely = scores > LEAST_SCORE
-        boxes, points = decode(output["boxes"][0, likely], self._anchors[likely])
+        boxes, points = decode(output["boxes"][0, likely], anchor_centres()[likely])
         found = []
         for score, keypoints in weighted_suppression(scores[likely], boxes, points):
             centre, scale = region.to_image(keypoints[:2])

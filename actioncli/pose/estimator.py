@@ -19,28 +19,25 @@ class Estimator(ABC, Generic[Found]):
     """A network that looks at one square region of an image.
 
     Attributes:
+        network: a file in the weights folder.
         side: pixels of the square that the network takes.
         border: how OpenCV fills what lies outside of the image.
         low, high: the network's range for 0 and 255.
     """
 
+    network: str
     side: int
     border: int
     low: float = 0.0
     high: float = 1.0
 
-    def __init__(self, network: str, threads: int | None = None) -> None:
-        """Load the network, a file in the weights folder.
+    def __init__(self, threads: int | None = None) -> None:
+        """Load the network.
 
         Raises:
             WeightsError: see `Network`.
         """
-        self._network = Network(network, threads)
-
-    @property
-    def checksum(self) -> str:
-        """SHA-256 of the network."""
-        return self._network.checksum
+        self._network = Network(self.network, threads)
 
     def __call__(self, image: Image, region: Region | None = None) -> Found:
         """What is found in a region of a BGR image (H, W, 3), or in all of it."""

@@ -72,15 +72,7 @@ class Hand:
 class HandCropper(Estimator[Region]):
     """Where in a region that the body's wrist tells a hand is, if there is one."""
 
-    side, border = 256, cv2.BORDER_REPLICATE
-
-    def __init__(self, threads: int | None = None) -> None:
-        """Load the network.
-
-        Raises:
-            WeightsError: see `Network`.
-        """
-        super().__init__(HAND_CROP, threads)
+    network, side, border = HAND_CROP, 256, cv2.BORDER_REPLICATE
 
     def postprocess(self, output: dict[str, FloatArray], region: Region) -> Region:
         """See `Estimator`."""
@@ -93,15 +85,7 @@ class HandCropper(Estimator[Region]):
 class HandEstimator(Estimator[Hand]):
     """The hand landmark network."""
 
-    side, border = 224, cv2.BORDER_REPLICATE
-
-    def __init__(self, threads: int | None = None) -> None:
-        """Load the network.
-
-        Raises:
-            WeightsError: see `Network`.
-        """
-        super().__init__(HAND_LANDMARKS, threads)
+    network, side, border = HAND_LANDMARKS, 224, cv2.BORDER_REPLICATE
 
     def postprocess(self, output: dict[str, FloatArray], region: Region) -> Hand:
         """The hand, whatever the region shows; see `Hand.presence`."""

@@ -61,7 +61,8 @@ class LandmarkEstimator(Estimator[Body]):
         Raises:
             WeightsError: see `Network`.
         """
-        super().__init__(LANDMARKS[quality], threads)
+        self.network = LANDMARKS[quality]
+        super().__init__(threads)
 
     def postprocess(self, output: dict[str, FloatArray], region: Region) -> Body:
         """The body, whatever the region shows; see `Body.presence`."""

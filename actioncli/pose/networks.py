@@ -10,7 +10,7 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
-from actioncli.files import own_cores, weights_file
+from actioncli.files import CHECKSUMS, own_cores, shipped_checksums, weights_file
 
 # From 1.29 on, ONNX Runtime sends Microsoft what computer this is and which networks run on it, and
 # keeps an identifier for that. It reads this once, when it is loaded.
@@ -24,18 +24,13 @@ onnxruntime.disable_telemetry_events()
 DETECTOR = "pose_detector.onnx"
 LANDMARKS = {"fast": "pose_landmark_full.onnx", "accurate": "pose_landmark_heavy.onnx"}
 HAND_CROP, HAND_LANDMARKS = "hand_recrop.onnx", "hand_landmark_full.onnx"
-CHECKSUMS = "SHA256SUMS"
 
 # More threads than this gain nothing on networks of this size.
 MOST_THREADS = 4
 
 
 class Network:
-    """One network, ready to run.
-
-    Attributes:
-        checksum: SHA-256 of its file, hexadecimal.
-    """
+    """One network, ready to run."""
 
     def __init__(self, name: str, threads: int | None = None) -> None:
         """Check the file against the shipped checksum and load it.
@@ -47,15 +42,14 @@ class Network:
         Raises:
             WeightsError: the file is missing or damaged.
         """
-        path = weights_file(name)
+        path, shipped = weights_file(name), shipped_checksum(name)
         try:
             data = path.read_bytes()
         except OSError as error:
             raise WeightsError(
                 f"{path}: cannot read the pose network: {error.strerror}. Reinstall actioncli."
             ) from error
-        self.checksum = hashlib.sha256(data).hexdigest()
-        if self.checksum != shipped_checksum(name):
+        if hashlib.sha256(data).hexdigest() != shipped:
             raise WeightsError(
                 f"{path}: the file differs from what {CHECKSUMS} lists. Reinstall actioncli."
             )
@@ -86,17 +80,14 @@ def shipped_checksum(name: str) -> str:
     """
     sums = weights_file(CHECKSUMS)
     try:
-        lines = sums.read_text(encoding="ascii").splitlines()
-    except OSError as error:
+        return shipped_checksums()[name]
+    except (OSError, ValueError) as error:
         raise WeightsError(
-            f"{sums}: cannot read the checksums of the pose networks: {error.strerror}. "
-            "Reinstall actioncli."
+            f"{sums}: cannot read the checksums of the pose networks: "
+            f"{getattr(error, 'strerror', error)}. Reinstall actioncli."
         ) from error
-    for line in lines:
-        digest, _, listed = line.partition("  ")
-        if listed == name:
-            return digest
-    raise WeightsError(f"{sums} does not list {name}. Reinstall actioncli.")
+    except KeyError as error:
+        raise WeightsError(f"{sums} does not list {name}. Reinstall actioncli.") from error
 
 
 def usable_cores() -> int:

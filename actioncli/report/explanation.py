@@ -85,11 +85,8 @@ def write_explanation(path: Path, case: Explained, neighbours: Sequence[Neighbou
     ]
     verdict = "Accepted" if case.decision.accepted else "Rejected"
     title = f"{verdict}: {Path(case.query.source).name}"
-    try:
-        with replacing(path) as part:
-            part.write_text(page(title, body, figures), encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror}.") from error
+    with replacing(path, failure=UsageError) as part:
+        part.write_text(page(title, body, figures), encoding="utf-8")
 
 
 def _sections(case: Explained, neighbours: Sequence[Neighbour]) -> Iterator[str]:

@@ -72,21 +72,18 @@ def write_picture(
         )
     examples = [Example(figure(clip), caption) for caption, clip in clips]
     paper = theme or "light"
-    try:
-        with replacing(path, suffix=kind) as part:
-            if kind == ".svg":
-                part.write_text(svg(strip(label, examples), theme), encoding="utf-8")
-            elif kind == ".png":
-                picture = _painted(strip(label, examples), paper, _STILL)
-                picture.save(part, format="PNG", optimize=True)
-            else:
-                drawings: Iterable[Drawing] = moments(label, examples, _RATE)
-                if progress is not None:
-                    drawings = progress(drawings, pictures(examples, _RATE))
-                painted = (_painted(drawing, paper, _MOTION) for drawing in drawings)
-                (_write_gif if kind == ".gif" else _write_mp4)(part, painted)
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror or error}.") from error
+    with replacing(path, suffix=kind, failure=UsageError) as part:
+        if kind == ".svg":
+            part.write_text(svg(strip(label, examples), theme), encoding="utf-8")
+        elif kind == ".png":
+            picture = _painted(strip(label, examples), paper, _STILL)
+            picture.save(part, format="PNG", optimize=True)
+        else:
+            drawings: Iterable[Drawing] = moments(label, examples, _RATE)
+            if progress is not None:
+                drawings = progress(drawings, pictures(examples, _RATE))
+            painted = (_painted(drawing, paper, _MOTION) for drawing in drawings)
+            (_write_gif if kind == ".gif" else _write_mp4)(part, painted)
 
 
 def _write_gif(path: Path, images: Iterable[Any]) -> None:

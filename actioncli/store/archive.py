@@ -17,7 +17,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -47,23 +47,21 @@ _FIELDS = (
 
 def write_archive(
     path: Path,
-    records: Callable[[], Iterable[Record]],
+    outlines: Sequence[Record],
+    records: Iterable[Record],
     settings: Mapping[str, str] | None = None,
 ) -> None:
     """Write an archive; the file appears whole or not at all, readable by its owner only.
 
     Args:
         path: the file; an archive that is there already is replaced, anything else is not.
-        records: gives the examples in order: once for the header, once for their bytes.
+        outlines: the examples in order, without their bytes.
+        records: the same with them, of which one at a time is in memory.
         settings: what goes with them, name to value.
 
     Raises:
         StoreError: not writable, too large, or something else of that name is there.
     """
-    # An example at a time is in memory: of the others there is no recording.
-    outlines = [
-        replace(record, joints=b"", confidence=record.confidence and b"") for record in records()
-    ]
     header = _compact(_header(outlines, settings)).encode()
     header += b" " * (-len(header) % 8)
     size = 8 + len(header) + _content_size(outlines)
@@ -77,7 +75,7 @@ def write_archive(
             raise StoreError(f"{path} is there already and is no export; choose another name.")
         with replacing(path, private=True) as part, part.open("wb") as file:
             file.write(len(header).to_bytes(8, "little") + header)
-            for record in records():
+            for record in records:
                 file.write(record.joints)
                 file.write(record.confidence or b"")
             file.flush()

@@ -9,14 +9,11 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from actioncli.store.database import reading
-from actioncli.store.examples import Example, list_examples, read_record, require_label
-from actioncli.store.settings import read_settings
+from actioncli.store.examples import Example, require_label
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,9 +21,9 @@ if TYPE_CHECKING:
 
     from actioncli.clips.clip import Clip
 
-# Of what the recogniser computes with the same weights; kept beside their checksum. 3: how
-# much a part moves is kept with it.
-REVISION = 3
+# Of what the recogniser computes with the same weights; kept beside their checksum. 4: limbs
+# that were swapped are put back.
+REVISION = 4
 
 _ALL = (
     "SELECT id, label, negative, weights, embeddings.frames, width, data, crc "
@@ -51,24 +48,7 @@ class Snapshot:
     settings: Mapping[str, str]
 
 
-def read_snapshot(path: Path, weights: str, settings: Collection[str]) -> Snapshot:
-    """See `SupportStore.snapshot`."""
-    with reading(path) as db:
-        examples = list_examples(db)
-        embeddings = _read_embeddings(db, weights)
-        records = {
-            example.id: read_record(db, path, example.id)
-            for example in examples
-            if example.id not in embeddings
-        }
-        found: dict[str, str] = {}
-        for wanted in settings:
-            found |= read_settings(db, path, wanted)
-    clips = {example: record.clip() for example, record in records.items()}
-    return Snapshot(tuple(examples), embeddings, clips, found)
-
-
-def _read_embeddings(db: sqlite3.Connection, weights: str) -> dict[int, NDArray[np.float32]]:
+def read_embeddings(db: sqlite3.Connection, weights: str) -> dict[int, NDArray[np.float32]]:
     """The (F, E) embeddings that are kept for these weights and undamaged, by example."""
     import numpy as np
 

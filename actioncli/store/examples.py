@@ -154,6 +154,23 @@ def read_records(
         yield example, read_record(db, path, example)
 
 
+def read_outlines(db: sqlite3.Connection, path: Path) -> list[Record]:
+    """All examples in the order of enrolment, without the bytes of their recordings.
+
+    Raises:
+        StoreError: one cannot be an example; whether it is what was enrolled, `read_record` tells.
+    """
+    from actioncli.store.record import OUTLINE, Record
+
+    found = []
+    for example, *row in db.execute(f"SELECT id, {OUTLINE} FROM examples ORDER BY id").fetchall():
+        try:
+            found.append(Record.from_row(row))
+        except (TypeError, ValueError) as error:
+            raise damaged(path, example, row[0]) from error
+    return found
+
+
 def read_record(db: sqlite3.Connection, path: Path, example: int) -> Record:
     """One example that is there, its content checked.
 

@@ -149,6 +149,9 @@ class Record:
 
 # The columns of the table `examples` that make a record.
 COLUMNS = ", ".join(field.name for field in fields(Record))
+# The same without the bytes of the recording.
+_NO_BYTES = {"joints": "x''", "confidence": "substr(confidence, 1, 0)"}
+OUTLINE = ", ".join(_NO_BYTES.get(field.name, field.name) for field in fields(Record))
 
 
 def seal(

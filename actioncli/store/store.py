@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from actioncli.errors import StoreError, SupportError, UsageError
 from actioncli.store.backup import changing
-from actioncli.store.cache import Snapshot, read_snapshot, rename_embeddings, write_embeddings
+from actioncli.store.cache import Snapshot, read_embeddings, rename_embeddings, write_embeddings
 from actioncli.store.database import reading
 from actioncli.store.examples import (
     Example,
@@ -18,6 +18,7 @@ from actioncli.store.examples import (
     holds_negatives,
     insert,
     list_examples,
+    read_outlines,
     read_record,
     read_records,
     rename_examples,
@@ -186,7 +187,16 @@ class SupportStore:
         Raises:
             StoreError: an example without an embedding is damaged, or a setting is.
         """
-        return read_snapshot(self.path, weights_checksum, settings)
+        with reading(self.path) as db:
+            examples = list_examples(db)
+            embeddings = read_embeddings(db, weights_checksum)
+            lacking = [each.id for each in examples if each.id not in embeddings]
+            records = {number: read_record(db, self.path, number) for number in lacking}
+            found: dict[str, str] = {}
+            for wanted in settings:
+                found |= read_settings(db, self.path, wanted)
+        clips = {number: record.clip() for number, record in records.items()}
+        return Snapshot(tuple(examples), embeddings, clips, found)
 
     def keep_embeddings(
         self, weights_checksum: str, embeddings: Mapping[int, NDArray[np.float32]]
@@ -274,7 +284,8 @@ class SupportStore:
                 raise SupportError(f"Nothing is enrolled in {self.path}: nothing to export.")
             write_archive(
                 Path(path).absolute(),
-                lambda: (record for _, record in read_records(db, self.path)),
+                read_outlines(db, self.path),
+                (record for _, record in read_records(db, self.path)),
                 read_settings(db, self.path),
             )
         return int(count)

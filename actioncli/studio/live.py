@@ -23,7 +23,7 @@ from actioncli.live.events import STRIDE, Event, EventDetector
 from actioncli.live.stream import PoseStream
 from actioncli.pose import without_password
 from actioncli.pose.annotate import bones
-from actioncli.pose.camera import LiveSource, open_source
+from actioncli.pose.camera import LiveSource, jpeg, open_source
 from actioncli.pose.frames import Frame, VideoFile
 from actioncli.pose.landmarks import LANDMARK_COUNT
 from actioncli.pose.sides import ALL_NAMES
@@ -197,7 +197,7 @@ def _pictures(camera: LiveSource | VideoFile) -> Iterator[bytes]:
             time.sleep(max(begun + frame.time - time.monotonic(), 0))
         scale = min(_WIDTH / frame.image.shape[1], 1)
         small = cv2.resize(frame.image, None, fx=scale, fy=scale)
-        yield cv2.imencode(".jpg", small)[1].tobytes()
+        yield jpeg(np.asarray(small, np.uint8))
 
 
 async def _send(socket: WebSocket, document: object) -> None:

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from actioncli.actions import Actions
-from actioncli.calibration.threshold import recommend
-from actioncli.calibration.trials import run_trials
+from actioncli.calibration.threshold import calibrate
 from actioncli.recognition.support import SupportSet
 
 # Positions of the slider.
@@ -76,11 +75,10 @@ class Measurement:
                 yield number
 
         try:
-            nothing = recognizer.embed([])
-            trials = run_trials(recognizer, loaded.actions, loaded.negatives, nothing, progress)
+            found = calibrate(loaded, recognizer.embed([]), TARGET_FAR, progress=progress)
         except _OutdatedError:
             return
-        found = recommend(trials, TARGET_FAR)
+        trials = found.trials
         rates = [
             {
                 "false_accepts": trials.false_accepts(step / STEPS).to_json(),

@@ -12,8 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from actioncli.actions import Actions
-from actioncli.clips.active import one_repetition
+from actioncli.actions import Actions, decide_on
 from actioncli.errors import SupportError, UsageError
 from actioncli.live.recorder import Kept, kept_clips
 from actioncli.studio.responses import AsciiJson, application, json_object, moving
@@ -76,20 +75,10 @@ class Review:
             raise UsageError("A clip is enrolled, made a negative, or deleted.")
         if decision == "enroll" and not isinstance(label, str):
             raise UsageError("The request lacks `label`.")
-        warnings = await asyncio.to_thread(self._decide, self._kept(request), decision, label or "")
-        return AsciiJson({"warnings": warnings})
-
-    def _decide(self, kept: Kept, decision: str, label: str) -> list[str]:
-        warnings: list[str] = []
-        if decision != "delete":
-            clip = one_repetition(kept.clip())
-            enrolled = self.actions.enrol(
-                label, clip, note=kept.origin, negative=decision == "negative"
-            )[0]
-            warnings = [*clip.notes, *enrolled.told]
-        kept.forget()
+        given = self.actions, self._kept(request), decision, label or ""
+        warnings = await asyncio.to_thread(decide_on, *given)
         self.done[decision] += 1
-        return warnings
+        return AsciiJson({"warnings": warnings})
 
     def _kept(self, request: Request) -> Kept:
         # Only what the folder lists can be named.

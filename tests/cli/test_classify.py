@@ -44,13 +44,14 @@ def test_accepted_and_rejected_clips(filled: SupportStore) -> None:
         assert len(invoke("classify", SQUAT, *words).stdout.splitlines()) == lines
 
 
-@pytest.mark.parametrize("plain", [False, True])
+@pytest.mark.parametrize("said", [{}, {"NO_COLOR": "1"}, {"TERM": "dumb"}])
 def test_terminals_with_colours_get_them_unless_they_are_not_wanted(
-    filled: SupportStore, plain: bool
+    filled: SupportStore, said: dict[str, str]
 ) -> None:
-    place = {name: text for name, text in os.environ.items() if name != "NO_COLOR"}
+    place = {name: text for name, text in os.environ.items() if name not in ("NO_COLOR", "TERM")}
+    plain = bool(said)
     words = [sys.executable, "-m", "actioncli", "classify", str(SQUAT), "-q"]
-    _, shown = at_terminal(words, "stdout", env=place | ({"NO_COLOR": "1"} if plain else {}))
+    _, shown = at_terminal(words, "stdout", env=place | said)
     written = shown.decode()
     assert ("\x1b[32m✓\x1b[0m \x1b[1msquat" in written) != plain
     assert ("✓ squat" in written) == plain
@@ -59,6 +60,17 @@ def test_terminals_with_colours_get_them_unless_they_are_not_wanted(
 def test_terminals_without_such_signs_get_others(filled: SupportStore) -> None:
     done = run("classify", SQUAT, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert done.stdout.startswith("+ squat         ======|======  ")
+
+
+def test_a_decision_fits_into_a_narrow_terminal_and_beside_a_long_label(
+    filled: SupportStore,
+) -> None:
+    invoke("rename", "jumping_jack", "a" * 100)
+    done = run("classify", SQUAT, env={**os.environ, "COLUMNS": "50"})
+    assert re.fullmatch(r"✓ squat     \d\.\d\d > 0\.50  0\.0 to 3\.6 s  ada\.npz\n", done.stdout)
+    [line] = invoke("classify", SQUAT).stdout.splitlines()
+    assert "│" in line
+    assert len(line) < 80
 
 
 def test_of_one_rejected_clip_the_way_on_is_told(filled: SupportStore) -> None:

@@ -28,7 +28,6 @@ def test_runs(copied: Path) -> None:
         "boxes": (1, 2254, 12),
         "scores": (1, 2254, 1),
     }
-    assert network.checksum == networks.shipped_checksum(networks.DETECTOR)
 
 
 @pytest.mark.parametrize(

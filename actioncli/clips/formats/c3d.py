@@ -8,7 +8,9 @@ the joints that they lie on; where a joint has one on each side, it is between t
 from __future__ import annotations
 
 import io
+import math
 import os
+import signal
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -24,16 +26,21 @@ from actioncli.errors import ClipError
 
 # What the format itself can count to.
 _MOST_MARKERS = 2**16
-# What a reader may take that a damaged header sends astray: seconds, and seconds and bytes for each
-# byte (an hour of fifty markers is 300 MB, and is read in a few seconds).
+# What a reader may take that a damaged header sends astray: seconds at work, and seconds and bytes
+# for each byte (an hour of fifty markers is 300 MB, and is read in a few seconds).
 _PATIENCE, _SLOWEST, _ROOM = 5.0, 1e-6, 64
+# On a busy machine these last longer, which is no fault of the file.
+_BUSY = 40
+# How a process ends that was too long at work.
+_OUT_OF_TIME = [-getattr(signal, name) for name in ("SIGXCPU", "SIGKILL") if hasattr(signal, name)]
 _READ = """
 import sys
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
-except (ImportError, ValueError, OSError):
-    pass
+for name, limit in zip(("CPU", "AS", "CORE"), sys.argv[2:]):
+    try:
+        import resource
+        resource.setrlimit(getattr(resource, "RLIMIT_" + name), (int(limit),) * 2)
+    except (ImportError, ValueError, OSError):
+        pass
 import numpy as np, ezc3d
 content = ezc3d.c3d(sys.argv[1])
 stated, data = content["parameters"]["POINT"], content["data"]
@@ -61,12 +68,17 @@ def read(file: Path) -> Recording:
         )
     # -P: modules of that name in the folder where the user is are not imported.
     size = file.stat().st_size
-    words = [sys.executable, "-P", "-c", _READ, str(file.absolute()), str(2**31 + _ROOM * size)]
+    patience = math.ceil(_PATIENCE + _SLOWEST * size)
+    limits = (patience, 2**31 + _ROOM * size, 0)
+    words = [sys.executable, "-P", "-c", _READ, str(file.absolute()), *map(str, limits)]
     # A numpy of many threads reserves memory for each of them.
     alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    patience = _PATIENCE + _SLOWEST * size
     try:
-        done = subprocess.run(words, capture_output=True, timeout=patience, check=False, env=alone)
+        done = subprocess.run(
+            words, capture_output=True, timeout=_BUSY * patience, check=False, env=alone
+        )
+        if done.returncode in _OUT_OF_TIME:
+            raise ClipError(f"{file}: is a damaged .c3d file: reading it does not end.")
         if done.returncode:
             said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:200]
             raise ClipError(f"{file}: is a damaged .c3d file: {said or 'its reader crashed'}.")
@@ -75,10 +87,12 @@ def read(file: Path) -> Recording:
             labels = read_there["labels"].tolist()
             rate, unit, up = read_there["stated"].tolist()
     except subprocess.TimeoutExpired as error:
-        raise ClipError(f"{file}: is a damaged .c3d file: reading it does not end.") from error
+        raise ClipError(f"{file}: reading it does not end: is it damaged?") from error
     count, frames = points.shape[1:]
     if not 0 < count < _MOST_MARKERS or frames > LONGEST_CLIP or count * frames > LARGEST_CLIP:
         raise ClipError(f"{file}: {frames} frames of {count} markers are no clip.")
+    announced = _announced(file)
+    notes = (f"is cut off: {frames} of {announced} announced frames are there",)
     names = [*labels, *(f"marker {at}" for at in range(count))][:count] if labels else None
     positions = points.transpose(2, 1, 0)
     positions[residuals.T < 0] = np.nan
@@ -98,4 +112,18 @@ def read(file: Path) -> Recording:
         fps=float(rate) if rate and float(rate) else None,
         unit=unit or None,
         rest_up=parse_up(up),
+        notes=notes if frames < announced else (),
     )
+
+
+def _announced(file: Path) -> int:
+    """How many frames the header counts, which the library makes as many as are there; 0 where
+    words are in another order."""
+    with file.open("rb") as stream:
+        header = stream.read(10)
+        stream.seek(512 * (header[0] - 1) + 3)
+        if stream.read(1) == b"\x56":
+            return 0
+    first, last = (int.from_bytes(header[at : at + 2], "little") for at in (6, 8))
+    # Longer recordings cannot be counted there.
+    return last - first + 1 if last < _MOST_MARKERS - 1 else 0

@@ -31,7 +31,11 @@ _PERSON = re.compile(r"(?i)(?:person|body|subject|track|people)(?:[\s_]*(?:id|in
 _CONFIDENCE = re.compile(
     r"(?i)(?P<joint>.+?)[\s_.:\-/|]+(?:v|vis|visibility|c|conf|confidence|score|likelihood)"
 )
-_JOINT = re.compile(r"(?i)(?:joint|landmark|marker|keypoint|body[\s_]*part|bone)(?:[\s_]*name)?")
+_JOINT = re.compile(
+    r"(?i)(?:joint|landmark|marker|keypoint|body[\s_]*part|bone)(?:[\s_]*(?:name|id|index|nr))?"
+)
+_SEEN = re.compile(r"(?i)visibility|vis|conf(?:idence)?|score|likelihood")
+_PLACE = re.compile(rf"(?i)(?:{_AXIS}{_UNIT})")
 _FRAME = re.compile(r"(?i)(?:frame|index)(?:[\s_]*(?:number|nr|no|id|index))?|#?frame")
 _COUNTED = re.compile(r"(?i)(?:joint|lm|landmark|j|kp|keypoint|p|point)?[_\s]*\d+")
 _BEFORE = re.compile(r"(?i)sep=.?$|#\s|//")
@@ -97,7 +101,7 @@ def read(file: Path) -> Recording:
     lines = _rows(file)
     header = next(lines, (0, []))[1]
     if (long := _long_columns(header)) is not None:
-        return _read_long(lines, long, file)
+        return _read_long(lines, long, header, file)
     columns = _Columns(header, file)
     picked = [column for axes in columns.joints.values() for _, column in sorted(axes.items())]
     seen = [columns.confidence.get(name) for name in columns.joints]
@@ -107,7 +111,7 @@ def read(file: Path) -> Recording:
     times: list[float] = []
     people: list[str] = []
     for line, row in lines:
-        if len(row) < len(header):
+        if len(row) < len(header) or any(map(str.strip, row[len(header) :])):
             raise ClipError(f"{file}: line {line} has {len(row)} of {len(header)} columns.")
         places.parse([row[column] for column in wanted], line)
         if columns.time is not None:
@@ -136,40 +140,62 @@ def read(file: Path) -> Recording:
 def _long_columns(header: list[str]) -> dict[str, int] | None:
     """The columns of frame, joint, x, y and z where each row is one joint in one frame."""
     found: dict[str, int] = {}
+    kinds = {"joint": _JOINT, "frame": _FRAME, "time": _TIME, "person": _PERSON, "seen": _SEEN}
     for column, title in enumerate(cell.strip() for cell in header):
-        kinds = {"joint": _JOINT, "frame": _FRAME, "time": _TIME}
         kind = next((kind for kind, style in kinds.items() if style.fullmatch(title)), None)
-        found.setdefault(kind or title.lower(), column)
+        place = _PLACE.fullmatch(title)
+        found.setdefault(kind or (place["axis"] if place else title).lower(), column)
     found.setdefault("frame", found.get("time", -1))
     return found if {"joint", *"xyz"} <= found.keys() and found["frame"] >= 0 else None
 
 
 def _read_long(
-    lines: Iterator[tuple[int, list[str]]], columns: dict[str, int], file: Path
+    lines: Iterator[tuple[int, list[str]]], columns: dict[str, int], header: list[str], file: Path
 ) -> Recording:
     """A table of a row a joint; joints that a frame lacks are missing in it."""
-    frames: dict[str, int] = {}
-    joints: dict[str, int] = {}
-    owners: list[tuple[int, int]] = []
+    keys: dict[str, dict[str, int]] = {kind: {} for kind in ("frame", "person", "joint")}
+    owners: list[list[int]] = []
     times: dict[int, float] = {}
-    places = Numbers(file, 3, LARGEST_CLIP)
+    wanted = [columns[kind] for kind in (*"xyz", "seen") if kind in columns]
+    places = Numbers(file, len(wanted), LARGEST_CLIP)
     for line, row in lines:
         if len(row) <= max(columns.values()):
             raise ClipError(f"{file}: line {line} has {len(row)} columns, fewer than its header.")
-        frame = frames.setdefault(row[columns["frame"]].strip(), len(frames))
-        joint = joints.setdefault(row[columns["joint"]].strip()[:100], len(joints))
-        if len(joints) > MOST_JOINTS:
-            raise ClipError(f"{file}: names more than {MOST_JOINTS} joints.")
-        places.parse([row[columns[axis]] for axis in "xyz"], line)
-        owners.append((frame, joint))
+        cells = {kind: row[columns[kind]].strip()[:100] if kind in columns else "" for kind in keys}
+        owners.append([of.setdefault(cells[kind], len(of)) for kind, of in keys.items()])
+        if len(keys["joint"]) > MOST_JOINTS or len(keys["person"]) > MOST_PEOPLE:
+            raise ClipError(
+                f"{file}: names more than {MOST_JOINTS} joints or {MOST_PEOPLE} people."
+            )
+        places.parse([row[column] for column in wanted], line)
+        frame = owners[-1][0]
         if "time" in columns and frame not in times:
             (times[frame],) = parsed([row[columns["time"]]], file, line)
-    if len(frames) < 2 or len(frames) * len(joints) * 3 > LARGEST_CLIP:
-        raise ClipError(f"{file}: holds {len(frames)} frames of {len(joints)} joints.")
-    positions = np.full((len(frames), 1, len(joints), 3), np.nan, np.float32)
-    at, joint_at = np.array(owners).T
-    positions[at, 0, joint_at] = places.table()
-    return Recording(positions, joint_names=tuple(joints), fps=_rate([*times.values()], 1.0))
+    shape = tuple(len(of) for of in keys.values())
+    if shape[0] < 2 or np.prod(shape) * len(wanted) > LARGEST_CLIP:
+        raise ClipError(f"{file}: holds {shape[0]} frames of {shape[2]} joints.")
+    table = np.full((*shape, len(wanted)), np.nan, np.float32)
+    table[tuple(np.array(owners).T)] = places.table()
+    names = [*keys["joint"]]
+    counted = all(name.isdecimal() for name in names)
+    if counted:  # in the order of their numbers, as a layout has them
+        table = table[:, :, np.argsort([int(name) for name in names])]
+    positions, confidence, notes = table[..., :3], None, tuple[str, ...]()
+    if "seen" in columns:
+        confidence, notes = as_confidence(table[..., 3], positions)
+    units = {
+        match["unit"]
+        for axis in "xyz"
+        if (match := _PLACE.fullmatch(header[columns[axis]].strip()))
+    }
+    return Recording(
+        positions,
+        joint_names=None if counted else tuple(names),
+        fps=_rate([*times.values()], 1.0),
+        unit=(units.pop() or "").lower() or None if len(units) == 1 else None,
+        confidence=confidence,
+        notes=notes,
+    )
 
 
 def _rows(file: Path) -> Iterator[tuple[int, list[str]]]:

@@ -175,7 +175,7 @@ def _from_points(
     names = list(dict.fromkeys(name for frame in bodies for body in frame for name in body))
     if not names:
         _refuse_2d(content, file)
-        held = next(filter(None, frames), {})
+        held: Any = next(filter(None, frames), {})
         raise ClipError(
             f"{file}: a frame holds {listed(held if isinstance(held, dict) else [])}; it needs "
             "poses3d, joints, or joint names with [x, y, z] each."
@@ -194,6 +194,7 @@ def _from_points(
     if values is None:
         raise ClipError(f"{file}: a point must be three numbers, x, y and z.")
     positions, seen = values[..., :3], values[..., 3]
+    named: dict[str, Any]
     named = {} if np.isnan(seen).all() else {"confidence": np.where(np.isnan(seen), 1, seen)}
     if not all(isinstance(name, int) for name in names):
         named["joint_names"] = [str(name) for name in names]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from typing import IO, Any
@@ -59,7 +59,11 @@ def read(file: Path) -> Recording:
             )
         stream.seek(here)
         array = read_array(stream, header, str(file))
-        return from_fields({"joints": array}, str(file), named=False)
+        recording = from_fields({"joints": array}, str(file), named=False)
+        if header.nbytes == left:
+            return recording
+        note = "holds more than one array, of which the first is read"
+        return replace(recording, notes=(*recording.notes, note))
 
 
 def is_sequence(folder: Path) -> bool:
