@@ -10,6 +10,7 @@ import pytest
 
 from actioncli import ClipError
 from actioncli.pose.frames import VideoFile
+from actioncli.pose.read import ReadOptions
 from actioncli.pose.video import read_poses
 from tests.pose.videos import Quiet, web_server
 
@@ -57,7 +58,7 @@ def test_a_playlist_in_a_video_opens_no_connection(tmp_path: Path, listener: Lis
         file = tmp_path / name
         file.write_text(content)
         with pytest.raises(ClipError, match="not a video"):
-            read_poses(file, cache=False)
+            read_poses(file, ReadOptions(cache=False))
     assert listener.asked == []
 
 
