@@ -177,30 +177,29 @@ def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:
     ]
     misshapen, lopsided = _proportions(lengths, bones)
     if thickness < _FLAT:
-        yield Finding(
-            f"has no depth: all joints lie in a plane in 100% of the frames; {_NEEDED}", True
-        )
+        text = "has no depth: all joints lie in a plane in 100% of the frames"
     elif thickness > _WIDE:
         text = "the joints lie too far from each other for a body: these may be angles"
-        yield Finding(f"{text}; {_NEEDED}", True)
     elif (within & (extreme > 0.8)).any():
-        share = float(extreme[within].max())
         text = (
-            f"one coordinate is a score or a visibility, between 0 and 1 ({share:.0%} near 0 or 1)"
+            "one coordinate is a score or a visibility, between 0 and 1 "
+            f"({float(extreme[within].max()):.0%} near 0 or 1), and no place"
         )
-        yield Finding(f"{text}, and no place; {_NEEDED}", True)
     elif changes > _UNEXPLAINED and any(idle):
         text = "one coordinate lies between 0 and 1 and is no depth, but a score or a visibility"
-        yield Finding(f"{text}; {_NEEDED}", True)
     elif within[:2].all() or _in_picture(body, own, size):
         text = "x and y are between 0 and 1, as in a picture, or about it"
-        yield Finding(f"{text}; {_NEEDED}", True)
     elif misshapen > _MISSHAPEN or lopsided > _LOPSIDED:
         text = "bones are as long as no body's: these may be angles, or joints under wrong names"
-        yield Finding(f"{text}; {_NEEDED}", True)
     elif changes > _ELASTIC:
-        text = f"bones change their length by {changes:.0%} from frame to frame, as no body's do"
-        yield Finding(f"{text}: these may be angles, pixels or noise; {_NEEDED}", True)
+        text = (
+            f"bones change their length by {changes:.0%} from frame to frame, as no body's do: "
+            "these may be angles, pixels or noise"
+        )
+    else:
+        text = ""
+    if text:
+        yield Finding(f"{text}; {_NEEDED}", True)
     elif stretched > _STRETCHED:
         text = f"bones are half as long again, or half as long, in {stretched:.0%} of the frames"
         yield Finding(f"{text}: joints were mistaken, or two people for one; record it again")

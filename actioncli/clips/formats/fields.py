@@ -28,7 +28,7 @@ METADATA = ("joint_names", "fps", "layout", "unit", "up", "confidence")
 # of the left and the right hand (x, y, z), or of face and hands.
 _POSE, _HANDS, _FACE = 33 * 4, 2 * 21 * 3, 468 * 3
 _HIPS = slice(23, 25)
-# Measured on signs, they decide as places in space do; see `NOT_3D` for what has no depth.
+# With true depth, examples squeezed as 4:3, 16:9 and 9:16 pictures are all decided as in space.
 _IN_PICTURE = (
     "MediaPipe's landmarks in the picture: their depth is rough and the picture's proportions are "
     "not known; its world landmarks, or the video, are better"

@@ -54,16 +54,6 @@ def test_joints_that_are_only_counted(tmp_path: Path, style: str) -> None:
     np.testing.assert_allclose(recording.positions[:, 0], waving(), atol=1e-5)
 
 
-@pytest.mark.parametrize(("separator", "point"), [(",", "."), ("\t", "."), (";", "."), (";", ",")])
-def test_separators_bom_and_crlf(tmp_path: Path, separator: str, point: str) -> None:
-    text = write_csv(tmp_path / "a.csv", waving(), sep=separator).read_text().replace(".", point)
-    for encoding in ("utf-8-sig", "utf-16"):
-        (tmp_path / "a.csv").write_bytes(text.replace("\n", "\r\n").encode(encoding))
-        recording = read(tmp_path / "a.csv")
-        assert recording.joint_names == DEFAULT_JOINTS
-        np.testing.assert_allclose(recording.positions[:, 0], waving(), atol=1e-5)
-
-
 def test_other_columns(tmp_path: Path) -> None:
     lines = ["frame,time,label,lsho_x,lsho_y,lsho_z,lsho_visibility"]
     lines += [f'{at},{at / 25},"wave, left",1,{at},,0.5' for at in range(4)]

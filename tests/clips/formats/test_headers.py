@@ -54,6 +54,7 @@ CSV: dict[str, Edit] = {
     "an index without a name": lambda text: "\n".join(
         f"{at - 1 if at else ''},{line}" for at, line in enumerate(text.split("\n")) if line
     ),
+    "semicolons": lambda text: text.replace(",", ";"),
     "semicolons and decimal commas": semicolons,
     "tabs": lambda text: text.replace(",", "\t"),
     "tabs and decimal commas": lambda text: comma_decimals(text.replace(",", "\t")),
