@@ -215,13 +215,13 @@ def weights_file(name: str) -> Path:
     return path
 
 
-def shipped_checksums() -> dict[str, str]:
-    """SHA-256, hexadecimal, of the shipped files by name.
+def listed_checksums(file: Path) -> dict[str, str]:
+    """SHA-256, hexadecimal, of the files that a `CHECKSUMS` lists, by name.
 
     Raises:
-        OSError, ValueError: the list of them cannot be read.
+        OSError, ValueError: it cannot be read.
     """
-    lines = (weights_folder() / CHECKSUMS).read_text("ascii").splitlines()
+    lines = file.read_text("ascii").splitlines()
     return {name: digest for digest, name in (line.split(maxsplit=1) for line in lines)}
 
 

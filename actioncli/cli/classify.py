@@ -194,7 +194,6 @@ def _decided(
         milliseconds.
     """
     from actioncli.live.watching import events_in
-    from actioncli.pose.video import clip_of
 
     videos = any(map(is_video, paths))
     processes = sharing(paths, options) if videos else cores()
@@ -228,8 +227,12 @@ def _decided(
     def all_in(path: Path, clip: Clip | ClipError, poses: Poses | None) -> list[Event]:
         if options.whole or isinstance(clip, ClipError):
             return []
+        if poses is None:
+            return events_in(clip, support)
+        from actioncli.pose.video import clip_of
+
         # Of a video, a clip is the part that shows one repetition.
-        return events_in(clip if poses is None else clip_of(poses, path, whole=True), support)
+        return events_in(clip_of(poses, path, whole=True), support)
 
     def of_batch(number: int) -> tuple[list[Decision | ClipError], list[list[Event]], float]:
         begun = time.perf_counter()

@@ -175,12 +175,12 @@ def _packages() -> Iterator[Check]:
 
 
 def _shipped_files() -> Iterator[Check]:
-    from actioncli.files import shipped_checksums, weights_folder
+    from actioncli.files import CHECKSUMS, listed_checksums, weights_folder
 
     folder = weights_folder()
     again = "install actioncli again"
     try:
-        sums = shipped_checksums()
+        sums = listed_checksums(folder / CHECKSUMS)
     except (OSError, ValueError) as error:
         yield Check("shipped files", "problem", f"{error}; {again}", EXIT_INCOMPLETE)
         return

@@ -291,13 +291,12 @@ def _in_picture(body: FloatArray, names: list[str], size: float) -> bool:
     """Whether joints are where a picture shows them, from its upper left corner (0, 0) to (1, 1),
     with a depth from the pelvis: who is near reaches beyond. Turning the axes may have changed
     signs."""
-    middle, head, *feet = (
-        np.nanmedian(body[:, names.index(name)], axis=0)
-        for name in ("pelv", "head" if "head" in names else "neck", "lank", "rank")
-        if name in names
-    )
-    across, down, depth = middle
-    foot = feet[0] if feet else middle
+    seen = np.atleast_1d(np.isfinite(body).any(axis=(0, 2)))
+    at = {name: np.nanmedian(body[:, k], axis=0) for k, name in enumerate(names) if seen[k]}
+    if not {"pelv", "neck"} <= at.keys():
+        return False
+    across, down, depth = at["pelv"]
+    head, foot = at.get("head", at["neck"]), at.get("lank", at.get("rank", at["pelv"]))
     return bool(
         size < 1
         and across * down > 0

@@ -42,12 +42,13 @@ def limb_swaps(body: FloatArray) -> NDArray[np.intp]:
             swapped = np.concatenate([[0], np.cumsum(turn) % 2]) > 0
             if swapped.mean() > 0.5:
                 swapped = ~swapped
-            here = np.ix_(swapped, [*left[first:], *right[first:]])
-            columns[here] = columns[np.ix_(swapped, [*right[first:], *left[first:]])]
+            rows = np.flatnonzero(swapped)[:, None]
+            one, other = left[first:], right[first:]
+            columns[rows, one + other] = columns[rows, other + one]
     return columns
 
 
 def _ways(before: FloatArray, now: FloatArray) -> FloatArray:
     """How far joints (T, J, 3) go from each frame to the next of others, (T - 1, J)."""
     way = now[1:] - before[:-1]
-    return np.sqrt(np.vecdot(way, way))
+    return np.asarray(np.sqrt(np.vecdot(way, way)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from actioncli.clips.clip import FloatArray
 from actioncli.errors import WeightsError
-from actioncli.files import CHECKSUMS, own_cores, shipped_checksums, weights_file
+from actioncli.files import CHECKSUMS, listed_checksums, own_cores, weights_file
 
 # From 1.29 on, ONNX Runtime sends Microsoft what computer this is and which networks run on it, and
 # keeps an identifier for that. It reads this once, when it is loaded.
@@ -80,7 +80,7 @@ def shipped_checksum(name: str) -> str:
     """
     sums = weights_file(CHECKSUMS)
     try:
-        return shipped_checksums()[name]
+        return listed_checksums(sums)[name]
     except (OSError, ValueError) as error:
         raise WeightsError(
             f"{sums}: cannot read the checksums of the pose networks: "

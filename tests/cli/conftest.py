@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -124,18 +124,3 @@ def filled(store: SupportStore, five: Path) -> SupportStore:
     """The support set that commands use, with five actions of the examples."""
     shutil.copytree(five, store.path.parent)
     return store
-
-
-# `test_cases` asks for them by name.
-Invoke = Callable[..., Result]
-Run = Callable[..., subprocess.CompletedProcess[str]]
-
-
-@pytest.fixture(name="invoke")
-def _invoke() -> Invoke:
-    return invoke
-
-
-@pytest.fixture(name="run")
-def _run() -> Run:
-    return run

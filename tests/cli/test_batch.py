@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from actioncli import SupportStore, read_clip
+from actioncli import SupportStore
 from actioncli.archives.results import COLUMNS, Results
 
-from .conftest import ACTIONS, EXAMPLES, invoke
+from .conftest import EXAMPLES, invoke
 
 needs_ray = pytest.mark.skipif(not find_spec("ray"), reason="needs the extra `ray`")
 PATIENCE = 600
@@ -99,13 +99,10 @@ def test_the_columns_are_the_documented_ones() -> None:
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Path]:
+def place(five: Path) -> Iterator[Path]:
     """A folder with a support set; its path is short, as paths of sockets have to be."""
     with tempfile.TemporaryDirectory(prefix="ac-", ignore_cleanup_errors=True) as folder:
-        home = Path(folder, "home")
-        home.mkdir()
-        clips = [(label, read_clip(EXAMPLES / f"{name}.npz")) for label, name in ACTIONS.items()]
-        SupportStore(home / "support.db").enroll_all(clips)
+        shutil.copytree(five, Path(folder, "home"))
         yield Path(folder)
 
 

@@ -21,7 +21,7 @@ from actioncli.errors import ClipError
 from actioncli.live.watching import watch
 from actioncli.pose.frames import VideoFile
 
-from .conftest import EXAMPLES, Invoke, Run
+from .conftest import EXAMPLES, invoke, run
 
 # File and options to part of a note or, where it cannot be read, of the error; "" where nothing
 # is to be said. A star stands before what is refused as an example, too.
@@ -102,26 +102,26 @@ def test_every_folder_has_its_test(shared: Path) -> None:
     assert {folder.name for folder in (shared / "cases").iterdir()} <= asked
 
 
-def test_address_lost_slash(invoke: Invoke, filled: SupportStore) -> None:
+def test_address_lost_slash(filled: SupportStore) -> None:
     done = invoke("classify", "https://example.org/v.mp4")
     assert "https://example.org/v.mp4: is an address" in done.stderr
     assert "cannot be opened" in invoke("watch", "http://127.0.0.1:1/file.mp4").stderr
 
 
-def test_batch_csv(invoke: Invoke, filled: SupportStore, tmp_path: Path) -> None:
+def test_batch_csv(filled: SupportStore, tmp_path: Path) -> None:
     assert invoke("batch", EXAMPLES / "squat", tmp_path / "out.csv").exit_code == 0
     assert (tmp_path / "out.csv").read_text(encoding="utf-8").startswith("source,label")
     assert invoke("batch", EXAMPLES / "squat", tmp_path / "out.txt").exit_code == 2
 
 
 @pytest.mark.parametrize("camera", ["/dev/video63", "rtsp://127.0.0.1:1/stream"])
-def test_camera_path(invoke: Invoke, camera: str) -> None:
+def test_camera_path(camera: str) -> None:
     done = invoke("enroll", "wave", "--camera", camera)
     assert (done.exit_code, "not a valid int" in done.stderr) == (3, False)
     assert f"{camera}: cannot be opened" in done.stderr
 
 
-def test_same_name_folder(run: Run, shared: Path, tmp_path: Path) -> None:
+def test_same_name_folder(shared: Path, tmp_path: Path) -> None:
     for number, folder in enumerate(("two/a", "two/b")):
         (tmp_path / folder).mkdir(parents=True)
         video = VideoFile(shared / "video" / "wave_two_hands" / "sudC.avi")
@@ -157,7 +157,7 @@ def stills(shared: Path, at: float, frames: int) -> list[np.ndarray]:
     ],
 )
 def test_legs_that_a_video_does_not_show(
-    invoke: Invoke, shared: Path, tmp_path: Path, video: str, below: int, of_legs: bool
+    shared: Path, tmp_path: Path, video: str, below: int, of_legs: bool
 ) -> None:
     """As at a desk: the picture ends at the waist."""
     whole = shared / "video" / video
@@ -171,7 +171,7 @@ def test_legs_that_a_video_does_not_show(
     assert asked.exit_code == (1 if of_legs else 0), asked.stdout
 
 
-def test_still_person(invoke: Invoke, shared: Path, tmp_path: Path) -> None:
+def test_still_person(shared: Path, tmp_path: Path) -> None:
     video = write_video(tmp_path / "still.mp4", stills(shared, 2, 24), 8)
     for part in (("--start", 0, "--end", 3), ("--start", 0, "--end", 0.2), ()):
         done = invoke("enroll", "wave", video, *part)
@@ -179,7 +179,7 @@ def test_still_person(invoke: Invoke, shared: Path, tmp_path: Path) -> None:
         assert re.search("nobody moves|which is no action", done.stderr)
 
 
-def test_stream_lost(shared: Path, filled: SupportStore, tmp_path: Path, run: Run) -> None:
+def test_stream_lost(shared: Path, filled: SupportStore, tmp_path: Path) -> None:
     for number, image in enumerate(stills(shared, 1, 3)):
         cv2.imwrite(str(tmp_path / f"{number}.jpg"), image)
     words = [

@@ -65,7 +65,7 @@ def test_terminals_without_such_signs_get_others(filled: SupportStore) -> None:
 def test_a_decision_fits_into_a_narrow_terminal_and_beside_a_long_label(
     filled: SupportStore,
 ) -> None:
-    invoke("rename", "jumping_jack", "a" * 100)
+    assert invoke("rename", "jumping jack", "a" * 100).exit_code == 0
     done = run("classify", SQUAT, env={**os.environ, "COLUMNS": "50"})
     assert re.fullmatch(r"✓ squat     \d\.\d\d > 0\.50  0\.0 to 3\.6 s  ada\.npz\n", done.stdout)
     [line] = invoke("classify", SQUAT).stdout.splitlines()

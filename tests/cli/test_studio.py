@@ -83,6 +83,7 @@ def test_it_serves_until_it_is_ended_and_leaves_nothing(
 def test_a_crash_leaves_nothing_either(start: Start, home: Path) -> None:
     child = start("studio", "--no-open", "-q")
     upload = client_of(child).begin_upload("Content-Length: 1000000")
+    upload.sendall(bytes(100_000))
     assert uploads(home)
     child.kill()
     child.wait()

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,12 +30,12 @@ def changed(change: Change, fps: float | None = None) -> Clip:
     return Clip(change(clip.joints.copy()), clip.joint_names, fps or clip.fps, source="a.npz")
 
 
-def exchanged(joints: np.ndarray) -> np.ndarray:
+def exchanged(joints: np.ndarray, frames: slice) -> np.ndarray:
     names = example().joint_names
     mirror = [names.index({"l": "r", "r": "l"}.get(n[0], "") + n[1:])
               if {"l": "r", "r": "l"}.get(n[0], "") + n[1:] in names else at
               for at, n in enumerate(names)]  # fmt: skip
-    joints[::4] = joints[::4][:, mirror]
+    joints[frames] = joints[frames][:, mirror]
     return joints
 
 
@@ -46,8 +46,31 @@ def about(
     return (joints - middle)[..., order] * np.array(signs) + middle
 
 
-def with_score(joints: np.ndarray) -> np.ndarray:
-    joints[..., 2] = RNG.choice([0.01, 0.95, 0.99], joints.shape[:2])
+def with_score(joints: np.ndarray, scores: Sequence[float]) -> np.ndarray:
+    joints[..., 2] = RNG.choice(scores, joints.shape[:2])
+    return joints
+
+
+def angles(joints: np.ndarray) -> np.ndarray:
+    """Between the bones, or what else joins the columns, and the axes."""
+    lines = joints - np.roll(joints, 1, axis=1)
+    lines /= np.maximum(np.linalg.norm(lines, axis=2, keepdims=True), 1e-6)
+    return np.degrees(np.arccos(lines))
+
+
+def in_picture(joints: np.ndarray, height: float) -> np.ndarray:
+    """As a camera sees it, x and y from the upper left corner, z from the hips."""
+    return (joints - joints[:, :1]) * [0.75 * height, -height, height] + [0.45, 0.6, 0]
+
+
+def away(joints: np.ndarray) -> np.ndarray:
+    joints[::7] += [3, 0, 0]
+    return joints
+
+
+def held(joints: np.ndarray) -> np.ndarray:
+    at = example().joint_names.index("rwri")
+    joints[:, at] = joints[0, at]
     return joints
 
 
@@ -63,14 +86,24 @@ def test_recorded_actions_are_what_they_are(file: Path) -> None:
     ("change", "text", "forbids"),
     [
         (lambda p: p * [1, 1, 0], "no depth", True),
-        (with_score, "a score or a visibility", True),
+        (lambda p: with_score(p, [0.01, 0.95, 0.99]), "a score or a visibility", True),
+        (lambda p: with_score(p, [0.3, 0.5, 0.7, 0.8]), "a score or a visibility", True),
         (lambda p: p * 0.2 + [0.5, 0.5, 3], "as in a picture", True),
+        (lambda p: in_picture(p, 0.3), "as in a picture", True),
+        (lambda p: in_picture(p, 0.7), "as in a picture", True),
+        (angles, "angles", True),
+        (lambda p: np.radians(angles(p)), "angles", True),
+        (lambda p: p[:, ::-1], "joints under wrong names", True),
         (lambda p: RNG.normal(0, 0.5, p.shape), "bones change their length by", True),
         (lambda p: p[:4], "lasts 0.1 s", True),
         (lambda p: p[:1] + RNG.normal(0, 0.003, p.shape), "nobody moves", True),
+        (lambda p: p[:1] + RNG.normal(0, 0.01, p.shape), "nobody moves", True),
         (lambda p: about(p, (-1, -1, 1), (0, 1, 2)), "head is below the feet in 100%", False),
         (lambda p: about(p, (-1, 1, 1), (1, 0, 2)), "lies on its side in 100%", False),
-        (exchanged, "left and right are swapped in", False),
+        (lambda p: exchanged(p, slice(None, None, 4)), "are swapped in 2", False),
+        (lambda p: exchanged(p, slice(50, None)), "left and right are swapped in", False),
+        (away, "joints jump", False),
+        (held, "rwri at exactly one place", False),
     ],
 )
 def test_what_a_recording_cannot_be(change: Change, text: str, forbids: bool) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 from actioncli import ClipError
 from actioncli.pose.frames import VideoFile
-from actioncli.pose.read import read_clip
+from actioncli.pose.read import ReadOptions
+from actioncli.pose.video import read_poses
 from tests.pose.videos import Quiet, web_server
 
 from .limits import run_limited
@@ -57,7 +58,7 @@ def test_a_playlist_in_a_video_opens_no_connection(tmp_path: Path, listener: Lis
         file = tmp_path / name
         file.write_text(content)
         with pytest.raises(ClipError, match="not a video"):
-            read_clip(file, cache=False)
+            read_poses(file, ReadOptions(cache=False))
     assert listener.asked == []
 
 

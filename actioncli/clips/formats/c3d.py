@@ -31,14 +31,12 @@ _MOST_MARKERS = 2**16
 _PATIENCE, _SLOWEST, _ROOM = 5.0, 1e-6, 64
 # On a busy machine these last longer, which is no fault of the file.
 _BUSY = 40
-# How a process ends that was too long at work.
-_OUT_OF_TIME = [-getattr(signal, name) for name in ("SIGXCPU", "SIGKILL") if hasattr(signal, name)]
 _READ = """
 import sys
 for name, limit in zip(("CPU", "AS", "CORE"), sys.argv[2:]):
     try:
         import resource
-        resource.setrlimit(getattr(resource, "RLIMIT_" + name), (int(limit),) * 2)
+        resource.setrlimit(getattr(resource, "RLIMIT_" + name), (int(limit), int(limit) + 1))
     except (ImportError, ValueError, OSError):
         pass
 import numpy as np, ezc3d
@@ -77,7 +75,7 @@ def read(file: Path) -> Recording:
         done = subprocess.run(
             words, capture_output=True, timeout=_BUSY * patience, check=False, env=alone
         )
-        if done.returncode in _OUT_OF_TIME:
+        if done.returncode == -getattr(signal, "SIGXCPU", 0) < 0:
             raise ClipError(f"{file}: is a damaged .c3d file: reading it does not end.")
         if done.returncode:
             said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:200]

@@ -175,7 +175,7 @@ def _from_points(
     names = list(dict.fromkeys(name for frame in bodies for body in frame for name in body))
     if not names:
         _refuse_2d(content, file)
-        held = next(filter(None, frames), {})
+        held: Any = next(filter(None, frames), {})
         raise ClipError(
             f"{file}: a frame holds {listed(held if isinstance(held, dict) else [])}; it needs "
             "poses3d, joints, or joint names with [x, y, z] each."
@@ -191,9 +191,10 @@ def _from_points(
         [[body.get(name, missing) for name in names] for body in (*frame, *[nobody] * most)[:most]]
         for frame in bodies
     ])  # fmt: skip
-    if values is None:
+    if values is None or values.ndim != 4:
         raise ClipError(f"{file}: a point must be three numbers, x, y and z.")
     positions, seen = values[..., :3], values[..., 3]
+    named: dict[str, Any]
     named = {} if np.isnan(seen).all() else {"confidence": np.where(np.isnan(seen), 1, seen)}
     if not all(isinstance(name, int) for name in names):
         named["joint_names"] = [str(name) for name in names]
@@ -203,24 +204,21 @@ def _from_points(
 def _people(value: Any) -> list[Points] | None:
     """The points of each person in a frame; None where it holds something else."""
     if isinstance(value, dict):
-        inner = value.get("landmark")
-        return [_points(value)] if inner is None else _people(inner)
-    if not isinstance(value, list) or not value:
-        return None
-    if isinstance(value[0], dict):
-        if "landmark" in value[0]:
-            return [_points(one["landmark"]) for one in value if isinstance(one, dict)]
         return [_points(value)]
-    if isinstance(value[0], list) and value[0] and isinstance(value[0][0], dict):
+    first = value[0] if isinstance(value, list) and value else None
+    several = isinstance(first, list) and bool(first) and isinstance(first[0], dict)
+    if several or (isinstance(first, dict) and "landmark" in first):
         return [_points(one) for one in value]
-    return None
+    return [_points(value)] if isinstance(first, dict) else None
 
 
 def _points(value: Any) -> Points:
     """Points by name, or by number where they have none: x, y, z and a confidence or None each."""
     found: Points = {}
-    pairs = value.items() if isinstance(value, dict) else enumerate(value or ())
-    for name, one in pairs:
+    if isinstance(value, dict):
+        value = value.get("landmark", value)
+    numbered = enumerate(value) if isinstance(value, list) else ()
+    for name, one in value.items() if isinstance(value, dict) else numbered:
         if (point := _point(one)) is not None:
             words = one if isinstance(one, dict) else {}
             stated = next((words[key] for key in ("name", "joint", "part") if key in words), name)

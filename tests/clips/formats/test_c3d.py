@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -86,6 +87,15 @@ def test_damage(tmp_path: Path) -> None:
         file.write_bytes(content)
         with pytest.raises(ClipError, match=r"a\.c3d: "):
             read_clip(file)
+
+
+def test_one_that_is_cut_off_is_told(tmp_path: Path) -> None:
+    file = write(tmp_path / "a.c3d", markers("SGL"))
+    assert not any("cut off" in note for note in read_clip(file).notes)
+    file.write_bytes(file.read_bytes()[:7000])
+    assert any(
+        re.fullmatch(r"is cut off: \d+ of 40 .* are there", n) for n in read_clip(file).notes
+    )
 
 
 def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,6 +100,31 @@ def test_several_people(tmp_path: Path) -> None:
     assert np.isnan(positions[2, 1]).all()
 
 
+@pytest.mark.parametrize("title", ["{}", "pos_{}", "{} (cm)"])
+def test_long_tables(tmp_path: Path, title: str) -> None:
+    """A row a joint, by name or number, in any order, of people who are kept apart."""
+    body = waving(5)
+    for joints, names in ((DEFAULT_JOINTS, DEFAULT_JOINTS), (range(15), None)):
+        axes = ",".join(title.format(axis) for axis in "xyz")
+        lines = [f"Frame,person id,joint_name,{axes},confidence"]
+        lines += [
+            f"{frame},{who},{joint},{who + x:.5f},{y:.5f},{z:.5f},0.5"
+            for at, joint in reversed([*enumerate(joints)])
+            for frame in range(5)
+            for who in range(2)
+            for x, y, z in [body[frame, at]]
+        ]
+        (tmp_path / "a.csv").write_text("\n".join(lines))
+        recording = read(tmp_path / "a.csv")
+        assert recording.positions.shape == (5, 2, 15, 3)
+        found = recording.positions if names is None else recording.positions[:, :, ::-1]
+        np.testing.assert_allclose(found[:, 1] - [1, 0, 0], body, atol=1e-4)
+        assert recording.joint_names == (names if names is None else names[::-1])
+        assert recording.confidence is not None
+        assert (recording.confidence == 0.5).all()
+        assert recording.unit == ("cm" if "cm" in title else None)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -107,6 +132,7 @@ def test_several_people(tmp_path: Path) -> None:
         ("lsho_x,lsho_y\n1,2\n", "'lsho' lacks x, y or z"),
         ("a_x,a_y,a_z\n1,2,3\n", "at least 2 frames, this has 1"),
         ("a_x,a_y,a_z\n1,2,3\n1,2\n", "line 3 has 2 of 3 columns"),
+        ("a_x,a_y,a_z\n1,2,3\n1,5,2,5,3,5\n", "line 3 has 6 of 3 columns"),
         ("a_x,a_y,a_z\n1,2,3\n1,2,wave\n", "line 3: .*'wave'"),
         ("a_x,a_y,a_z\n1,2,3\n1,\0,3\n", "NUL"),
         ("\n\n", "names no joint"),

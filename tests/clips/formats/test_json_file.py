@@ -54,6 +54,72 @@ def test_frames_by_joint_name(tmp_path: Path) -> None:
     assert not known[4, 0, DEFAULT_JOINTS.index("head")].any()
 
 
+def listed(one: Any = lambda place: dict(zip("xyz", place, strict=True))) -> list[Any]:
+    """Frames as lists of points without names."""
+    return [[one(place) for place in frame] for frame in BODY.tolist()]
+
+
+SEEN = listed(lambda place: {**dict(zip("xyz", place, strict=True)), "visibility": 0.5})
+NAMED = [
+    [{"name": name, **point} for name, point in zip(DEFAULT_JOINTS, frame, strict=True)]
+    for frame in SEEN
+]
+FLAT = [[{"x": x, "y": y, "score": 0.9} for x, y, _ in frame] for frame in BODY.tolist()]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        [{"worldLandmarks": [frame], "landmarks": FLAT[:1]} for frame in SEEN],
+        [{"pose_landmarks": {"landmark": frame}} for frame in SEEN],
+        {"landmarks": SEEN, "fps": 30},
+        SEEN,
+        [None, *SEEN[1:]],
+        [{"poseWorldLandmarks": [[*place, 0.5] for place in frame]} for frame in BODY.tolist()],
+        [{"keypoints": FLAT[0], "keypoints3D": frame} for frame in NAMED],
+        [{"keypoints": frame} for frame in NAMED],
+        [{"joints": {point["name"]: {"position": point} for point in frame}} for frame in NAMED],
+        [{one["name"]: {axis.upper(): one[axis] for axis in "xyz"} for one in frame}
+         for frame in NAMED],
+    ],
+)  # fmt: skip
+def test_points_as_tools_spell_them(tmp_path: Path, content: Any) -> None:
+    recording = load(tmp_path, content)
+    found = recording.positions[1:, 0]
+    np.testing.assert_allclose(found, BODY[1:], atol=1e-6)
+    assert recording.joint_names in (None, DEFAULT_JOINTS)
+    assert recording.confidence is None or (recording.confidence[1:] == 0.5).all()
+
+
+def test_people_in_lists_of_points_are_kept_apart(tmp_path: Path) -> None:
+    content = [{"landmarks": [frame, listed()[0]]} for frame in SEEN]
+    positions = load(tmp_path, content).positions
+    np.testing.assert_allclose(positions[:, 0], BODY, atol=1e-6)
+    np.testing.assert_allclose(positions[:, 1], np.repeat(BODY[:1], 40, 0), atol=1e-6)
+
+
+ROW = [1.0] * 51
+PERSON = {"keypoints": ROW, "score": 2.0, "category_id": 1}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        [{"version": 1.3, "people": [{"pose_keypoints_2d": ROW}]}] * 3,
+        [{"image_id": "1.jpg", **PERSON}] * 3,
+        {f"{at}.jpg": [{"keypoints": ROW, "scores": 2.0}] for at in range(3)},
+        {"images": [], "annotations": [{"keypoints": ROW}]},
+        [[{"name": "person", "keypoints": {"x": ROW, "y": ROW}}]] * 3,
+        {"instance_info": [{"instances": [{"keypoints": [[1, 2]] * 17, "keypoint_scores": ROW}]}]},
+        [{"keypoints": {name: [1, 2] for name in DEFAULT_JOINTS}}] * 3,
+        [{"keypoints": frame} for frame in FLAT],
+    ],
+)
+def test_what_has_no_depth(tmp_path: Path, content: Any) -> None:
+    with pytest.raises(ClipError, match="give actioncli the video"):
+        load(tmp_path, content)
+
+
 def test_metadata(tmp_path: Path) -> None:
     content = {
         "joints": BODY.tolist(), "joint_names": DEFAULT_JOINTS, "fps": 50, "unit": "cm",
@@ -103,6 +169,9 @@ def test_null_is_a_missing_number_in_any_encoding(tmp_path: Path) -> None:
         ('{"a": 1}', "holds 'a'; a clip needs poses3d or joints"),
         ('[{"a": 1}]', "a frame holds 'a'"),
         ('{"joints": {"a": 1}}', "list of frames"),
+        ('[{"landmarks": [{"landmark": 3}, {}, 4]}]', "a frame holds"),
+        ('[[[{"x": 1}], 2.0]]', "a frame holds"),
+        ('[{"a": [[1, 1], [2, 2], [3, 3], [4, 4]]}]', "a point must be three numbers"),
         ('{"joints": [[1, 2, 3]], "joint_names": {"a": 1}}', "joint_names must be"),
         ('{"joints": [[1, 2, 3]], "joint_names": [["a"]]}', "joint_names must be"),
         ('{"joints": [[1, 2, 3]], "fps": "fast"}', "fps must be"),

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from actioncli.clips.checks import noted, require_usable
 from actioncli.clips.formats.npy import read
 from actioncli.clips.read import find_clips, read_clip
 from actioncli.clips.skeleton import LAYOUTS
@@ -51,6 +53,66 @@ def test_shapes(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((40, 33, 4)))
     with pytest.raises(ClipError, match="confidence"):
         read(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize(
+    ("shape", "cut"),
+    [
+        ((3, 3, 40, 25, 2), "a[0].transpose(1, 3, 2, 0)"),
+        ((1, 3, 40, 25, 1), "a[0].transpose(1, 3, 2, 0)"),
+        ((3, 40, 25, 2), "a.transpose(1, 3, 2, 0)"),
+        ((4, 40, 150), "a[0].reshape(-1, 2, 25, 3)"),
+    ],
+)
+def test_arrays_of_ntu_rgb_d_come_with_the_line_that_cuts_one_out(
+    tmp_path: Path, shape: tuple[int, ...], cut: str
+) -> None:
+    body = np.repeat(waving(40, LAYOUTS["kinect_v2_25"])[:, None], 2, axis=1)
+    a = body.reshape(40, 150)[None] if shape[-1] == 150 else body.transpose(3, 0, 2, 1)
+    a = np.resize(a[..., : shape[-1]] if shape[-1] == 1 else a, shape)
+    np.save(tmp_path / "a.npy", a)
+    with pytest.raises(ClipError, match=re.escape(f"numpy.save('clip.npy', {cut})")):
+        read(tmp_path / "a.npy")
+    order = {
+        "a[0].tr": lambda: a[0].transpose(1, 3, 2, 0),
+        "a.trans": lambda: a.transpose(1, 3, 2, 0),
+    }
+    one = order.get(cut[:7], lambda: a[0].reshape(-1, 2, 25, 3))()
+    np.save(tmp_path / "a.npy", one)
+    np.testing.assert_allclose(read(tmp_path / "a.npy").positions[:, 0], body[:, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("width", [132, 258, 1662])
+@pytest.mark.parametrize("height", [0.3, 0.8])
+def test_mediapipes_landmarks_in_a_picture_are_read_and_told(
+    tmp_path: Path, width: int, height: float
+) -> None:
+    body = waving(40, LAYOUTS["blazepose_33"])
+    hips = body[:, 23:25].mean(axis=1, keepdims=True)
+    seen = (body - hips) * [height, -height, height] / 2 + [0.4, 0.6, 0]
+    rows = np.zeros((40, width))
+    rows[:, :132] = np.concatenate([seen, np.ones((40, 33, 1))], axis=2).reshape(40, -1)
+    np.save(tmp_path / "a.npy", rows)
+    clip = noted(read_clip(tmp_path / "a.npy"))
+    assert any("landmarks in the picture" in note for note in clip.notes)
+    require_usable(clip)
+    line = [clip.joints[:, at] - clip.joints[:, 11] for at in (13, 15)]
+    whole = [body[:, at] - body[:, 11] for at in (13, 15)]
+    ratio = np.linalg.norm(line, axis=2) / np.linalg.norm(whole, axis=2)
+    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-4)
+    # The same without a depth is none, and without their visibilities nothing says what z is.
+    flat = np.concatenate([seen * [1, 1, 0], np.ones((40, 33, 1))], axis=2)
+    for other in (flat.reshape(40, -1), seen):
+        np.save(tmp_path / "a.npy", other)
+        with pytest.raises(ClipError, match=r"no depth|as in a picture"):
+            require_usable(read_clip(tmp_path / "a.npy"))
+
+
+def test_more_than_one_array_is_told(tmp_path: Path) -> None:
+    with (tmp_path / "a.npy").open("wb") as stream:
+        for _ in range(2):
+            np.save(stream, waving())
+    assert "holds more than one array, of which the first is read" in read(tmp_path / "a.npy").notes
 
 
 def test_objects_are_never_unpickled(tmp_path: Path) -> None:
