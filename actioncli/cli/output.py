@@ -147,9 +147,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]], indent: str =
     return "\n".join(
         indent
         + "  ".join(
-            " " * (width - width_of(cell)) + cell
-            if flush
-            else cell + " " * (width - width_of(cell))
+            " " * (width - width_of(cell)) + cell if flush else padded(cell, width)
             for cell, width, flush in zip(line, widths, right, strict=True)
         ).rstrip()
         for line in lines
