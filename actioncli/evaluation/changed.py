@@ -77,6 +77,12 @@ def _limb_frozen(clip: Clip, rng: np.random.Generator) -> Clip:
     return Clip(joints, clip.joint_names, clip.fps, clip.confidence, clip.source)
 
 
+def _flattened(clip: Clip, rng: np.random.Generator) -> Clip:
+    joints = clip.joints.copy()
+    joints[..., 2] = np.nanmean(joints[..., 2])
+    return Clip(joints, clip.joint_names, clip.fps, clip.confidence, clip.source)
+
+
 CHANGES: Mapping[str, Change] = {
     "played backwards": lambda clip, rng: _frames(clip, np.arange(len(clip))[::-1]),
     "most moving limb frozen": _limb_frozen,
@@ -84,6 +90,7 @@ CHANGES: Mapping[str, Change] = {
     "four blocks shuffled": _blocks,
     "first quarter": lambda clip, rng: _frames(clip, np.arange(max(3, len(clip) // 4))),
     "left and right exchanged": lambda clip, rng: mirrored(clip),
+    "without depth": _flattened,
 }
 
 
@@ -150,7 +157,7 @@ def _asked(
                 continue
             far = warping.compare(warping.embed([made]), {"": frames[[place]]}).distance[0, 0]
             if far > typical / 2:
-                compared = recognizer.compare([made], {"": embedded[[place]]})
-                asked.append(compared.confidence[0, 0])
+                example = {"": embedded[[place]]}
+                asked.append(recognizer.classify(made, example, durations=()).confidence)
         found[kind] = np.array(asked, np.float32)
     return found
