@@ -290,7 +290,7 @@ def _in_picture(body: FloatArray, names: list[str], size: float) -> bool:
     """Whether joints are where a picture shows them, from its upper left corner (0, 0) to (1, 1),
     with a depth from the pelvis: who is near reaches beyond. Turning the axes may have changed
     signs."""
-    seen = np.atleast_1d(np.isfinite(body).any(axis=(0, 2)))
+    seen = np.any(np.all(np.isfinite(body), axis=2), axis=0)
     at = {name: np.nanmedian(body[:, k], axis=0) for k, name in enumerate(names) if seen[k]}
     if not {"pelv", "neck"} <= at.keys():
         return False

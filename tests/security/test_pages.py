@@ -71,7 +71,7 @@ def pages(hostile: Path, folder: Path) -> Iterator[Path]:
 
 
 def test_no_label_runs_in_a_page(browser: Browser, hostile: Path, tmp_path: Path) -> None:
-    for page in pages(invoke, hostile, tmp_path):
+    for page in pages(hostile, tmp_path):
         text = page.read_text(encoding="utf-8")
         assert "window.pwned=1" in text
         found = Elements(text)

@@ -312,20 +312,20 @@ def test_another_server_of_this_machine_never_sees_the_token(
 
 @pytest.mark.skipif(not FILM.is_file(), reason=f"needs {FILM}")
 def test_a_real_video_is_looked_at_with_progress_and_cancelled(tab: Page, studio: Studio) -> None:
-    card = tab.get_by_role("article", name="Clip darebeeW.mp4")
-    looking = card.get_by_text(re.compile(r"Looking for the person: [\d.]+ of 14\.5 s"))
+    looking = re.compile(r"Looking for the person: [\d.]+ of [\d.]+ s")
     send(tab, SHARED / "squat/darebeeW.mp4")
-    expect(looking).to_be_visible()
-    # The check takes about as long as the video.
+    expect(tab.get_by_text(looking)).to_be_visible()
+    # The check takes about as long as the video, whose poses may be kept by then.
     check(tab)
     tab.reload()
-    send(tab, SHARED / "squat/darebeeW.mp4")
-    expect(looking).to_be_visible()
+    send(tab, SHARED / "lunge/aitW2.mp4")
+    card = tab.get_by_role("article", name="Clip aitW2.mp4")
+    expect(card.get_by_text(looking)).to_be_visible()
     card.get_by_role("button", name="Cancel").click()
     expect(card).to_have_count(0)
     # A page that goes away takes what it sent along.
-    send(tab, SHARED / "squat/darebeeW.mp4")
-    expect(looking).to_be_visible()
+    send(tab, SHARED / "lunge/aitW2.mp4")
+    expect(card.get_by_text(looking)).to_be_visible()
     tab.reload()
     until(lambda: not list(studio.upload_folder.folder.iterdir()))
     enroll(tab, SHARED / "squat/hciproM.mp4", "squat")
