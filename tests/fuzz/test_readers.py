@@ -60,7 +60,7 @@ def test_fuzzing_finds_nothing(name: str, tmp_path: Path) -> None:
     found.mkdir(parents=True, exist_ok=True)
     harness = str(Path(__file__).parent / "harness.py")
     options = [f"-max_total_time={SECONDS}", f"-artifact_prefix={folder}/{name}-"]
-    # Always the same inputs with the tests, also on a faster machine: a failure comes from a change.
+    # With the tests always the same inputs, on every machine: a failure comes from a change.
     options += [] if "FUZZ_SECONDS" in os.environ else ["-seed=1", "-runs=1000"]
     run = subprocess.run(
         [sys.executable, harness, name, str(found), *options],
