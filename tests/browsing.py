@@ -71,7 +71,8 @@ def watched(browser: Browser, address: str, size: tuple[int, int] = DESKTOP) -> 
         page.goto(address)
         yield page
         # A refusal is an answer like any other; only Chromium calls it an error.
-        assert [each for each in problems if "server responded with a status" not in each] == []
+        said = [each for each in problems if "server responded with a status" not in each]
+        assert not said, said
         assert [url for url in asked if not url.startswith(own)] == []
     finally:
         context.close()

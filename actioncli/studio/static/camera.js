@@ -13,6 +13,8 @@ const RATED = 20; // pictures that the rate is computed from
 const SLOW = 3; // pictures a second: farther apart, they are not taken for one motion
 
 const sleep = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
+// One that is not open yet would be closed with a complaint.
+const closed = (socket) => (socket?.readyState === WebSocket.CONNECTING ? socket.addEventListener("open", () => socket.close()) : socket?.close());
 
 export class Camera {
   // studio: { state, tau() }; uploads takes what is recorded
@@ -73,8 +75,8 @@ export class Camera {
     this.stream?.getTracks().forEach((track) => track.stop());
     this.stream = null;
     this.video.srcObject = null;
-    this.socket?.close();
-    this.source?.close();
+    closed(this.socket);
+    closed(this.source);
     this.socket = this.source = null;
     byId("camera").hidden = true;
     byId("camera-switch").textContent = "Use the camera";
