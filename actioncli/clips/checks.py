@@ -68,7 +68,7 @@ def findings(clip: Clip) -> list[Finding]:
     if clip.duration < _SHORTEST:
         text = f"lasts {clip.duration:.2g} s, which is no action"
         found.append(Finding(f"{text}; record it whole, or state the frame rate (--fps)", True))
-    if not found and (not moves(clip) or is_still(clip)):
+    if not found and _stands(clip):
         found.append(Finding("nobody moves in it; record the action, not a posture", True))
     if len(names) == len(DEFAULT_JOINTS) and not any(each.forbids_enrolment for each in found):
         found.extend(_motion(body, clip.fps))
@@ -102,14 +102,27 @@ def noted(clip: Clip) -> Clip:
 
 def moves(clip: Clip) -> bool:
     """Whether any joint goes anywhere: a still picture, or its noise, shows no action."""
-    return _furthest(clip)[0] > (_STILL if clip.confidence is None else _STILL_PICTURE)
+    return _goes(clip, _furthest(clip)[0])
+
+
+def _goes(clip: Clip, way: float) -> bool:
+    return way > (_STILL if clip.confidence is None else _STILL_PICTURE)
+
+
+def _stands(clip: Clip) -> bool:
+    """Whether it does not move or is still, for which its course is looked for once."""
+    furthest = _furthest(clip)
+    return not _goes(clip, furthest[0]) or _is_noise(clip, *furthest)
 
 
 def is_still(clip: Clip) -> bool:
     """Whether a query is so still that it is rejected, whatever its score: strict on motion where
     `moves` is strict on examples. Without confidence, noise must account for all that moves; pose
     networks' noise is not white."""
-    way, course, width = _furthest(clip)
+    return _is_noise(clip, *_furthest(clip))
+
+
+def _is_noise(clip: Clip, way: float, course: NDArray[np.float64], width: int) -> bool:
     if way > _NO_MOTION or clip.confidence is not None:
         return way <= _NO_MOTION
     # The median size of the difference of two normal numbers is 0.954 of their deviation.
@@ -171,10 +184,6 @@ def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:
     extreme = ((np.abs(values) >= 0.9) | (np.abs(values) <= 0.1)).mean(axis=0)
     lengths, bones = _bone_lengths(body, own)
     changes, stretched = _elasticity(lengths)
-    idle = [
-        changes >= _elasticity(_bone_lengths(body * (np.arange(3) != axis), own)[0])[0]
-        for axis in np.flatnonzero(within)
-    ]
     misshapen, lopsided = _proportions(lengths, bones)
     if thickness < _FLAT:
         text = "has no depth: all joints lie in a plane in 100% of the frames"
@@ -185,7 +194,10 @@ def not_places(joints: FloatArray, names: tuple[str, ...]) -> Iterator[Finding]:
             "one coordinate is a score or a visibility, between 0 and 1 "
             f"({float(extreme[within].max()):.0%} near 0 or 1), and no place"
         )
-    elif changes > _UNEXPLAINED and any(idle):
+    elif changes > _UNEXPLAINED and any(
+        changes >= _elasticity(_bone_lengths(body * (np.arange(3) != axis), own)[0])[0]
+        for axis in np.flatnonzero(within)
+    ):
         text = "one coordinate lies between 0 and 1 and is no depth, but a score or a visibility"
     elif within[:2].all() or _in_picture(body, own, size):
         text = "x and y are between 0 and 1, as in a picture, or about it"

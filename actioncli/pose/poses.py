@@ -105,7 +105,7 @@ class Poses:
         # Half a step of tolerance: the last frame counts even if its time is rounded.
         even = np.arange(self.times[0], self.times[-1] + step / 2, step)
         even = even.clip(max=self.times[-1])
-        if self.names is ALL_NAMES:
+        if self.names == ALL_NAMES:
             joints, confidence, changed = self._settled(even)
             if changed.any():
                 frames = f"{changed.sum()} of {len(changed)} frames"
@@ -116,7 +116,7 @@ class Poses:
         for lost, found in self.gaps():
             confidence[(even > lost) & (even < found)] = 0
             notes.append(f"nobody was seen from {lost:.1f} s to {found:.1f} s")
-        sure = self.names is not ALL_NAMES and not self.gaps()
+        sure = self.names != ALL_NAMES and not self.gaps()
         return Clip(
             joints * _TO_CLIP,
             self.names[: joints.shape[1]],

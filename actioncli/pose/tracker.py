@@ -151,7 +151,7 @@ class Tracker:
     @property
     def limbs(self) -> list[int]:
         """Columns of the joints whose motion tells people who do something from others."""
-        return LIMBS if self.names is ALL_NAMES else list(range(len(self.names)))
+        return LIMBS if self.names == ALL_NAMES else list(range(len(self.names)))
 
     def _should_look(self, seen: Sequence[Track], time: float) -> bool:
         if not seen:
